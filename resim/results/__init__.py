@@ -21,6 +21,7 @@ from resim.results.folders import (
 )
 from resim.results.writing import (
     assessment_document,
+    merge_parquet,
     write_assessment,
     write_conversion,
     write_json,
@@ -44,6 +45,7 @@ __all__ = [
     "check_output",
     "explain_os_errors",
     "locked",
+    "merge_parquet",
     "remove_results",
     "whole_file",
     "whole_folder",

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import duckdb
 
 from resim.core.errors import InputError
-from resim.core.files import file_hash
+from resim.core.files import file_hash, plain_names
 from resim.core.json_text import json_text
 from resim.core.sealed import sealed
 from resim.core.spec import read_json, read_sealed_json, to_json
@@ -40,6 +40,17 @@ def write_parquet(table: pd.DataFrame, path: Path) -> None:
             connection.execute(f"COPY frame TO '{str(path).replace(chr(39), chr(39) * 2)}' (FORMAT parquet)")
         except duckdb.IOException as e:
             raise OSError(f"{path.name}: {str(e).splitlines()[0]}") from e
+
+
+def merge_parquet(parts: Sequence[Path], path: Path) -> None:
+    """Write the rows of Parquet files one after the other as one; columns that a part lacks are NULL there.
+
+    One part after the other is in memory.
+    """
+    with duckdb.connect(config={"threads": 1}) as connection, plain_names(parts) as names:
+        out = str(path).replace("'", "''")
+        query = "SELECT * FROM read_parquet($names, union_by_name = true, hive_partitioning = false)"
+        connection.execute(f"COPY ({query}) TO '{out}' (FORMAT parquet)", {"names": [*names]})
 
 
 def write_resimulation(result: Resimulation, folder: Path) -> None:

@@ -38,12 +38,53 @@ to leave a lane, as some lane changes begin or end outside of the recording).
 TURNED_OFF = 0.3
 """Heading [rad] against the lane from which on leaving it is turning off and not changing lane (our choice)."""
 
+CLOSE_TO_CENTRE = 1.0
+"""Distance [m] from the centre of a lane below which an object is close to it: a lane change leads from close to one
+centre to close to another (Kaefer 2022, 4.5.6.2).
+"""
+NEUTRAL_ACROSS = 0.03
+"""Speed [m/s] across the lane below which an object keeps to its lane; out to it a lane change lasts from where the
+border is crossed (Wagner 2021, 6.2.1.1, printed as m/s²).
+"""
+CUT_TTC = 2.0
+"""Time to collision [s] below which a lane change is a cut-in or a cut-out (Kaefer 2022, 4.5.6.3)."""
+STRONG_BRAKING = -3.5
+"""m/s² below which braking is strong: the most that an adaptive cruise control may do at speed (ISO 15622:2018)."""
+STRONG_ACCELERATION = 2.5
+"""m/s² above which acceleration is strong (our choice: ISO 15622:2018 has 2 m/s² at speed, 4 m/s² up to 5 m/s)."""
+
 BEGINS, ENDS = 20.0, 100.0
 """Steps [m] along the road in which a path begins on which a drive is looked at, and in which its length grows."""
 
 MANEUVERS = ("follow_lane", "lane_change_left", "lane_change_right", "braking")
 """What an object can be seen to do, in the order of `momentary`."""
 _FOLLOW, _LEFT, _RIGHT, _BRAKES = range(4)
+
+
+def change_span(across: Floats, crossing: int, side: int, neutral: float = NEUTRAL_ACROSS) -> tuple[int, int]:
+    """Give the first and last sample of a lane change (Wagner 2021, 6.2.1.1): out to the first ones below a threshold.
+
+    across (K,): speed [m/s] to the left against the lane, of one object without gaps. crossing: the first sample beyond
+    the border. side: 1 to the left, -1 to the right; speed the other way ends it as well. Ends of the samples end it.
+    """
+    slow = ~(side * across >= neutral)
+    before, after = np.flatnonzero(slow[:crossing]), np.flatnonzero(slow[crossing:])
+    start = int(before[-1]) if len(before) else 0
+    return start, crossing + int(after[0]) if len(after) else len(across) - 1
+
+
+def closest_to_centres(
+    offset: Floats, first: int, last: int, close: float = CLOSE_TO_CENTRE
+) -> tuple[int | None, int | None]:
+    """Give the nearest samples before `first` and from `last` on that are close to a lane's centre, None for none.
+
+    offset (K,) [m]: from the centre of the lane that each sample is on. first, last: the first samples beyond the first
+    and the last border that a maneuver crosses. It is a lane change where the lanes there differ (Kaefer 2022,
+    4.5.6.2); strictly below `close` is close. A track that begins or ends between has none, and cannot be judged.
+    """
+    near = np.abs(offset) < close
+    before, after = np.flatnonzero(near[:first]), np.flatnonzero(near[last:])
+    return int(before[-1]) if len(before) else None, last + int(after[0]) if len(after) else None
 
 
 def momentary(relative_heading: ArrayLike, v: ArrayLike, a: ArrayLike) -> NDArray[np.intp]:

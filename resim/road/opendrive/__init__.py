@@ -22,11 +22,11 @@ from resim.road.opendrive.model import (
     SpeedSign,
     Unread,
 )  # fmt: skip
-from resim.road.opendrive.network import DrivingLanes, RoadNetwork, RoadPositions, load
+from resim.road.opendrive.network import DrivingLanes, LanePlaces, RoadNetwork, RoadPositions, load
 from resim.road.opendrive.shapes import LaneShape
 
 __all__ = [
     "LANE_TYPES", "VEHICLE_LANES", "Connection", "Controller", "Cubic", "DrivingLanes", "Geometry", "Header", "Height",
-    "Junction", "Lane", "LaneSection", "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork", "RoadPositions",
-    "RoadType", "Signal", "SignalKind", "SpeedSign", "Unread", "lend_network", "load",
+    "Junction", "Lane", "LanePlaces", "LaneSection", "LaneShape", "Link", "Road", "RoadMark", "RoadNetwork",
+    "RoadPositions", "RoadType", "Signal", "SignalKind", "SpeedSign", "Unread", "lend_network", "load",
 ]  # fmt: skip

@@ -58,6 +58,20 @@ class DrivingLanes:
 
 
 @dataclass(frozen=True, eq=False)
+class LanePlaces:
+    """M pairs of a position and a lane that it is on, of whatever type.
+
+    point: which position (M,), in order; row: of the lane in `RoadNetwork.lane_table` (M,); s: m along the road (M,);
+    t: m left of the lane centre (M,).
+    """
+
+    point: Ints
+    row: Ints
+    s: Floats
+    t: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class RoadNetwork:
     """An OpenDRIVE map. Tables and the spatial index are built at the first question that needs them, and are constant:
     all runs of a process share them.
@@ -130,6 +144,20 @@ class RoadNetwork:
         turned = np.where(self._lanes.forward[row], 0.0, np.pi)
         heading = self._lines.evaluate(road, s).heading + turned
         return DrivingLanes(found.point[kept], self._ids[road], heading, z)
+
+    def lanes_at(self, x: ArrayLike, y: ArrayLike) -> LanePlaces:
+        """Give all lanes, side by side and one above the other, at positions x, y (N,) [m]; none where one is NaN."""
+        x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
+        known = np.flatnonzero(np.isfinite(x_) & np.isfinite(y_))
+        found = self._index.containing(x_[known], y_[known])
+        order = np.lexsort((found.row, found.point))
+        point = known[found.point[order]]
+        return LanePlaces(point, found.row[order], found.s[order], found.lateral[order])
+
+    @property
+    def lane_table(self) -> Lanes:
+        """The lanes of all roads in one table, a row each lane of a lane section; its `road` counts `roads`."""
+        return self._lanes
 
     @cached_property
     def has_heights(self) -> bool:

@@ -1,0 +1,158 @@
+"""Lane changes: Kaefer's closeness rule says whether, Wagner's speed across says from when to when.
+
+Kaefer 2022, 4.5.6.2; Wagner 2021, 6.2.1.1. Readings taken: strictly below 1 m is close; the nearest such samples around
+the crossing count, and lanes there must differ, where a lane that goes on (over sections, through junctions, by a fork
+or a merge) is one lane; where the track begins or ends before, nothing is judged, which is a label of its own. The span
+goes out to the first sample whose speed in the change's own direction is below the threshold, that is |v_across| with
+reversals seen as well. Who is headed away from the lane by more than `TURNED_OFF` when crossing turns off. Doubles, in
+which that speed never falls below it, are one label, whatever the middle lane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from resim.core.geometry import wrap_angle
+from resim.mining.features import Features
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
+from resim.mining.settings import MiningSettings
+from resim.scenario.maneuvers import TURNED_OFF, change_span, closest_to_centres
+
+LEFT, RIGHT, OPEN = "lane_change_left", "lane_change_right", "lane_change_not_judged"
+
+
+@dataclass(frozen=True)
+class LaneChange(LabelledManeuver):
+    """A lane change; `at` is the first sample in the new lane, of a double in the first new lane.
+
+    Attributes:
+        lanes: Lanes gained to the left; to the right negative.
+        close_before: Kaefer's start: the last sample close to the old lane's centre.
+        close_after: Kaefer's end: the first sample close to the new lane's centre.
+    """
+
+    lanes: int = 0
+    close_before: int = -1
+    close_after: int = -1
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    """A border crossed: the first sample beyond, lanes passed to the left, the span, and Kaefer's samples."""
+
+    at: int
+    side: int
+    start: int
+    end: int
+    before: int | None
+    after: int | None
+
+
+def find(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
+    """Find the lane changes of vehicles."""
+    samples = features.samples
+    crossed = (features.passed != 0) & samples.kinds(frozenset(settings.kinds))
+    at = np.flatnonzero(crossed)
+    group = samples.piece_of[at] * (len(features.stretch) + 1) + features.stretch[at]
+    for part in np.split(at, np.flatnonzero(np.diff(group)) + 1) if len(at) else ():
+        yield from _of_stretch(features, settings, part.tolist())
+
+
+def _of_stretch(
+    features: Features, settings: MiningSettings, crossings: list[int]
+) -> Iterator[LabelledManeuver]:
+    """The lane changes of one object in a stretch without breaks, from the samples at which it crosses borders."""
+    low, high = _bounds(features, crossings[0])
+    own = [_crossing(features, settings, k, low, high) for k in crossings]
+    changes: list[LaneChange] = []
+    for _, group in groupby(own, key=lambda c: (c.before, c.after)):
+        change = _judged(features, list(group))
+        if change is None:
+            continue
+        last = changes[-1] if changes else None
+        if last is not None and _one(last, change):
+            lanes = last.lanes + change.lanes
+            changes[-1] = replace(
+                last, end=max(last.end, change.end), lanes=lanes, close_after=change.close_after
+            )
+        else:
+            changes.append(change)
+    yield from (_told(features, change) for change in changes)
+
+
+def _bounds(features: Features, k: int) -> tuple[int, int]:
+    """The first sample and the one behind the last of the stretch and piece that sample k is of."""
+    samples = features.samples
+    piece = samples.piece_of[k]
+    low, high = int(samples.piece[piece]), int(samples.piece[piece + 1])
+    own = features.stretch[low:high] == features.stretch[k]
+    return low + int(np.argmax(own)), high - int(np.argmax(own[::-1]))
+
+
+def _crossing(features: Features, settings: MiningSettings, k: int, low: int, high: int) -> _Crossing:
+    rules, side = settings.lane_change, int(np.sign(features.passed[k]))
+    start, end = change_span(features.v_across[low:high], k - low, side, rules.lateral_speed)
+    before, after = closest_to_centres(features.offset[low:high], k - low, k - low, rules.close)
+    shifted = (None if a is None else low + a for a in (before, after))
+    return _Crossing(k, side, low + start, low + end, *shifted)
+
+
+def _judged(features: Features, group: list[_Crossing]) -> LaneChange | None:
+    """The lane change that crossings with the same close samples around make, None for swaying over the border."""
+    group = [c for c in group if not _turns_off(features, c.at)]
+    if not group:
+        return None
+    one = group[0]
+    row = int(features.samples.owner[one.at])
+    if one.before is None or one.after is None:
+        end = max(c.end for c in group)
+        return LaneChange(OPEN, row, one.start, end, one.at)
+    lanes = int(features.strand[one.after] - features.strand[one.before])
+    if lanes == 0:
+        return None
+    along = [c for c in group if c.side * lanes > 0]
+    return LaneChange(
+        LEFT if lanes > 0 else RIGHT, row, min(c.start for c in along), max(c.end for c in along), along[0].at,
+        lanes=lanes, close_before=one.before, close_after=one.after,
+    )  # fmt: skip
+
+
+def _turns_off(features: Features, k: int) -> bool:
+    """Whether a crossing is that of who turns off: headed away from the lane, as everywhere in resim."""
+    own = features.samples.heading[k]
+    off = float(wrap_angle(own - features.lane_heading[k]))
+    return min(abs(off), np.pi - abs(off)) > TURNED_OFF
+
+
+def _one(last: LaneChange, change: LaneChange) -> bool:
+    """Whether two changes are a double: to one side, and no slow sample between their crossings."""
+    return OPEN not in (last.label, change.label) and last.label == change.label and last.end >= change.at
+
+
+def _told(features: Features, change: LaneChange) -> LaneChange:
+    if change.label == OPEN:
+        return change
+    span = slice(change.start, change.end + 1)
+    t = features.samples.t
+    figures = {
+        "lanes": float(abs(change.lanes)),
+        "duration_s": float(t[change.end] - t[change.start]),
+        "most_across_mps": float(np.nanmax(np.abs(features.v_across[span]))),
+        "v_mps": float(features.samples.v[change.at]),
+    }
+    return replace(change, figures=figures)
+
+
+FAMILIES.add(
+    LabelFamily(
+        "lane change", (LEFT, RIGHT, OPEN), find,
+        "from close to one lane's centre to close to another's; not judged where the track shows one of them only",
+        "Kaefer 2022, 4.5.6.2; Wagner 2021, 6.2.1.1",
+    )
+)  # fmt: skip

@@ -1,0 +1,248 @@
+"""Every threshold of mining by its name, in a TOML file; what a file leaves out is as `scenarios/mining/labels.toml`.
+
+The sources stand beside the numbers in that file; here is what each means.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from resim.core.errors import InputError
+from resim.core.files import read_file
+from resim.core.spec import ModuleAndName, Strict, read_strict
+from resim.scenario import maneuvers
+
+EXAMPLE = "See scenarios/mining/labels.toml"
+Distance = Literal["centre", "bumper"]
+Place = Literal["map", "town", "open road"]
+
+
+class LaneChangeSettings(Strict):
+    """Whether (close [m] to the lane's centre: Kaefer), and from when to when (lateral_speed [m/s]: Wagner)."""
+
+    close: float = Field(default=maneuvers.CLOSE_TO_CENTRE, gt=0.0)
+    lateral_speed: float = Field(default=maneuvers.NEUTRAL_ACROSS, ge=0.0)
+
+
+class CutSettings(Strict):
+    """Cut-ins and cut-outs: time to collision [s] strictly below ttc, by distances from centre or bumper."""
+
+    ttc: float = Field(default=maneuvers.CUT_TTC, gt=0.0)
+    distance: Distance = "centre"
+
+
+class TailgatingSettings(Strict):
+    """Distances that are too short (Kaefer 2022, Table 4.3).
+
+    place: town or open road, or as the map has it (road type, else a limit up to slow_limit [m/s]). restore [s]: time
+    to restore the distance after somebody entered ahead; restore_fast [s] above fast [m/s]. minor_below [m/s]: speed
+    below which it is never more than minor; severe_above [m/s]. half, third: shares of the required distance below
+    which it is moderate, severe. shortest [s]: labels that last less are none.
+    """
+
+    distance: Distance = "centre"
+    place: Place = "map"
+    slow_limit: float = Field(default=50.0 / 3.6, ge=0.0)
+    restore: float = Field(default=3.0, ge=0.0)
+    restore_fast: float = Field(default=1.0, ge=0.0)
+    fast: float = Field(default=160.0 / 3.6, ge=0.0)
+    minor_below: float = Field(default=80.0 / 3.6, ge=0.0)
+    severe_above: float = Field(default=100.0 / 3.6, ge=0.0)
+    moderate_share: float = Field(default=0.5, gt=0.0, le=1.0)
+    severe_share: float = Field(default=0.3, gt=0.0, le=1.0)
+    shortest: float = Field(default=0.0, ge=0.0)
+
+
+class SpeedingSettings(Strict):
+    """Strictly faster than the limit plus tolerance [m/s]; limit [m/s]: where the map has none. join [s]: see
+    `join` of standing.
+    """
+
+    tolerance: float = Field(default=0.0, ge=0.0)
+    limit: float | None = Field(default=None, gt=0.0)
+    join: float = Field(default=1.0, ge=0.0)
+
+
+class StandingSettings(Strict):
+    """Speeds up to `speed` [m/s] either way. join [s]: what is less apart is one; shortest [s]: the least duration."""
+
+    speed: float = Field(default=0.1, ge=0.0)
+    join: float = Field(default=1.0, ge=0.0)
+    shortest: float = Field(default=0.0, ge=0.0)
+
+
+class AccelerationSettings(Strict):
+    """braking, acceleration [m/s²]: beyond them for `shortest` [s] or longer; join [s]: what is less apart is one."""
+
+    braking: float = Field(default=maneuvers.STRONG_BRAKING, lt=0.0)
+    acceleration: float = Field(default=maneuvers.STRONG_ACCELERATION, gt=0.0)
+    shortest: float = Field(default=0.3, ge=0.0)
+    join: float = Field(default=0.5, ge=0.0)
+
+
+class TurnSettings(Strict):
+    """Ways through junctions: straight up to `straight` [rad] of turning, a U-turn from `u_turn` [rad] on.
+
+    radius [m]: a junction without any turn as tight as this is a fork or a merge, and no crossing.
+    """
+
+    straight: float = Field(default=0.52, gt=0.0, lt=1.6)
+    u_turn: float = Field(default=2.4, gt=1.6, le=3.15)
+    radius: float = Field(default=60.0, gt=0.0)
+
+
+class SwervingSettings(Strict):
+    """`turns` turning points that lie `swing` [m] or more apart across the lane, within `within` [s]."""
+
+    swing: float = Field(default=1.0, gt=0.0)
+    turns: int = Field(default=3, ge=2)
+    within: float = Field(default=10.0, gt=0.0)
+
+
+class WrongWaySettings(Strict):
+    """Faster than `speed` [m/s] against the lane for `shortest` [s] or longer; what begins and ends with lane changes
+    and takes up to `overtaking` [s] is overtaking over the oncoming lane.
+    """
+
+    speed: float = Field(default=1.0, ge=0.0)
+    shortest: float = Field(default=1.0, ge=0.0)
+    overtaking: float = Field(default=20.0, ge=0.0)
+
+
+class PassingSettings(Strict):
+    """Going by somebody on the next lane. slowest [m/s]: of who passes; near [m]: as far as both are near, it lasts."""
+
+    slowest: float = Field(default=1.0, ge=0.0)
+    near: float = Field(default=20.0, gt=0.0)
+
+
+class FollowingSettings(Strict):
+    """Keeping to a lane for `shortest` [s] or longer, faster than `speed` [m/s]."""
+
+    speed: float = Field(default=0.1, ge=0.0)
+    shortest: float = Field(default=2.0, ge=0.0)
+
+
+class CriticalSettings(Strict):
+    """Time to collision and headway [s] strictly below these, by bumpers; join, shortest [s]: as of standing."""
+
+    ttc: float = Field(default=1.5, gt=0.0)
+    thw: float = Field(default=0.5, gt=0.0)
+    join: float = Field(default=0.5, ge=0.0)
+    shortest: float = Field(default=0.0, ge=0.0)
+
+
+class RegionSettings(Strict):
+    """A place of one's own on a map (Kaefer 2022, Fig. 4.48): `corners` [m] in the map's frame.
+
+    map: file names (a pattern) of the maps it lies on.
+    """
+
+    name: str = Field(min_length=1)
+    corners: list[tuple[float, float]] = Field(min_length=3)
+    map: str = "*"
+
+
+class RegionWaySettings(Strict):
+    """Who passes one region, and later another, gets a label.
+
+    span: from leaving `first` to entering `then` ("between"), or from entering `first` to the last sample in `then`
+    ("whole", as Kaefer's ramps).
+    """
+
+    label: str = Field(min_length=1)
+    first: str
+    then: str
+    span: Literal["between", "whole"] = "between"
+
+
+class OwnLabelSettings(Strict):
+    """A label of one's own: `function` is "module:name", the module's file beside this one.
+
+    It takes `Features` and the maneuvers found so far, and gives maneuvers (see `resim.mining.maneuver`).
+    """
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    function: ModuleAndName
+
+
+class ExtractionSettings(Strict):
+    """Which scenarios are cut out.
+
+    trigger: labels that begin one. beside, ahead, behind [m]: the slots of the eight-vehicle model. own: whether the
+    EGO's maneuvers trigger too. before, after [s]: added to every trigger. shortest [s]: a window that lasts less is
+    none.
+    """
+
+    trigger: tuple[str, ...] = ("lane_change_left", "lane_change_right")
+    beside: float = Field(default=5.0, ge=0.0)
+    ahead: float = Field(default=100.0, gt=0.0)
+    behind: float = Field(default=50.0, gt=0.0)
+    own: bool = False
+    before: float = Field(default=0.0, ge=0.0)
+    after: float = Field(default=0.0, ge=0.0)
+    shortest: float = Field(default=0.0, ge=0.0)
+
+
+class AroundSettings(Strict):
+    """Windows of `--around`: before, after [s] a moment, and how many of a recording at most, the worst first."""
+
+    before: float = Field(default=5.0, ge=0.0)
+    after: float = Field(default=3.0, ge=0.0)
+    most: int = Field(default=10, ge=1)
+
+
+class MiningSettings(Strict):
+    """What the file says. kinds: of objects that are labelled. files: data of one's own functions."""
+
+    kinds: tuple[str, ...] = ("car", "van", "truck", "bus", "trailer", "motorcycle", "unknown")
+    files: tuple[str, ...] = ()
+    lane_change: LaneChangeSettings = LaneChangeSettings()
+    cut: CutSettings = CutSettings()
+    tailgating: TailgatingSettings = TailgatingSettings()
+    speeding: SpeedingSettings = SpeedingSettings()
+    standing: StandingSettings = StandingSettings()
+    acceleration: AccelerationSettings = AccelerationSettings()
+    turn: TurnSettings = TurnSettings()
+    swerving: SwervingSettings = SwervingSettings()
+    wrong_way: WrongWaySettings = WrongWaySettings()
+    passing: PassingSettings = PassingSettings()
+    follow_lane: FollowingSettings = FollowingSettings()
+    critical: CriticalSettings = CriticalSettings()
+    region: tuple[RegionSettings, ...] = ()
+    way: tuple[RegionWaySettings, ...] = ()
+    label: tuple[OwnLabelSettings, ...] = ()
+    extraction: ExtractionSettings = ExtractionSettings()
+    around: AroundSettings = AroundSettings()
+
+    @model_validator(mode="after")
+    def _known_regions(self) -> MiningSettings:
+        known = {region.name for region in self.region}
+        for way in self.way:
+            for name in (way.first, way.then):
+                if name not in known:
+                    raise ValueError(f"way {way.label!r}: there is no region {name!r}")
+        return self
+
+
+DEFAULT_SETTINGS = MiningSettings()
+
+
+def read_mining_settings(path: Path) -> MiningSettings:
+    """Read a file of thresholds. Raises InputError naming every fault."""
+    return read_strict(path, MiningSettings, EXAMPLE)
+
+
+def check_triggers(settings: MiningSettings, known: tuple[str, ...], where: str) -> None:
+    """Refuse triggers that no label has. Raises InputError."""
+    unknown = [name for name in settings.extraction.trigger if name not in known]
+    if unknown:
+        raise InputError(where, f"there is no label {unknown[0]!r}", f"Labels: {', '.join(known)}.")
+
+
+def raw_settings(path: Path) -> bytes:
+    """Give the bytes of the file. Raises InputError."""
+    return read_file(path, EXAMPLE)

@@ -1,0 +1,142 @@
+"""`resim mine`: what it writes can be mined, run and resumed; a bad recording is told of, and the others are mined."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mining.planted import Drive, path_of, smooth, steady, tracks_of, write_motorway
+
+from resim.core.errors import InputError
+from resim.jobs.mine import MineOptions, mine, read_mined
+from resim.mining.around import AroundOptions, peaks
+from resim.recordings import Recording, read_recording, write_recording
+from resim.recordings.checked import load_checked
+from resim.road.opendrive import load
+from resim.scenario.jscen import read_jscen
+
+SHIPPED = Path(__file__).parents[2] / "scenarios"
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    """A recording with one lane change ahead of its EGO, and sensor data of both."""
+    road = write_motorway(tmp_path / "motorway.xodr")
+    path = path_of(load(road), "7", -2, 520.0, 360.0)
+    change = Drive("b", lambda t: 40.0 + 15.0 * t, lambda t: smooth(t, 3.0, 5.0, 3.5), end=12.0)
+    gt = tracks_of(
+        path, [Drive("a", steady(15.0), end=12.0), change, Drive("far", lambda t: 250.0 + 15.0 * t, end=3.0)]
+    )
+    sd = replace(gt, t=gt.t + 0.02).without("a").without("far")
+    recording = Recording("drive", road, "a", gt, 25.0, sd=sd, sd_rate=25.0, sd_gt_id=np.array(["b"]))
+    write_recording(recording, tmp_path / "drive")
+    return tmp_path / "drive"
+
+
+def test_a_scenario_is_a_recording_and_a_jscen_file_of_its_window(tmp_path: Path, drive: Path) -> None:
+    found = mine([drive], tmp_path / "out")
+    row = found.scenarios.iloc[0]
+    assert len(found.scenarios) == 1
+    assert (row["ego"], row["members"], row["tag"], row["labels"], row["vehicles"]) == (
+        "a",
+        "b",
+        "left",
+        "lane_change_left",
+        2,
+    )
+    cut = load_checked(tmp_path / "out" / row["folder"])
+    assert cut.ego == "a"
+    assert set(cut.gt.ids) == {"a", "b"}
+    assert cut.gt.t[0] == 0.0
+    assert cut.gt.t[-1] == pytest.approx(row["end"] - row["start"])
+    assert cut.sd is not None
+    assert cut.sd.t[0] == pytest.approx(0.02)
+    whole = read_recording(drive).gt
+    first = int(np.searchsorted(whole.t, row["start"] - 1e-9))
+    assert cut.gt.x[0, 0] == pytest.approx(whole.x[0, first])
+    scenario = read_jscen(tmp_path / "out" / row["jscen"])
+    assert scenario.ego.id == "a"
+    assert scenario.duration == pytest.approx(cut.gt.t[-1])
+    assert (tmp_path / "out" / row["jscen"]).with_name(scenario.map).is_file()
+    again = mine([tmp_path / "out" / row["folder"]], tmp_path / "again", MineOptions(fit=False))
+    assert again.labels["follow_lane"] >= 1  # what is cut out is a recording like any other
+
+
+def test_bad_recordings_are_told_of_and_the_others_are_mined(tmp_path: Path, drive: Path) -> None:
+    broken, elsewhere = tmp_path / "broken", tmp_path / "elsewhere"
+    shutil.copytree(drive, broken)
+    (broken / "gt.csv").write_text("t,id\n0,a\n")
+    recording = read_recording(drive)
+    write_recording(
+        replace(
+            recording, gt=replace(recording.gt, x=recording.gt.x + 5e3), sd=None, sd_gt_id=None, sd_rate=None
+        ),
+        elsewhere,
+    )
+    one = tmp_path / "one"
+    write_recording(
+        replace(recording, gt=recording.gt.select(["a"]), sd=None, sd_gt_id=None, sd_rate=None), one
+    )
+    heard = []
+    found = mine(
+        [broken, tmp_path / "missing", elsewhere, one, drive],
+        tmp_path / "out",
+        MineOptions(fit=False),
+        heard=heard.append,
+    )
+    assert [f.recording for f in found.report.failures] == ["broken", "missing", "elsewhere"]
+    assert "OFF_MAP" in found.report.failures[2].why
+    assert [p.recording for p in found.report.parts] == ["one", "drive"]
+    assert any("one object" in note for note in found.report.parts[0].notes)
+    assert len(heard) == 5
+    page = (tmp_path / "out" / "mined.html").read_text("utf-8")
+    assert "not mined" in page
+    assert "drive_a_1" in page
+    with pytest.raises(InputError, match="no recording could be mined"):
+        mine([broken], tmp_path / "none")
+
+
+def test_a_study_is_resumed_and_a_changed_recording_mined_anew(tmp_path: Path, drive: Path) -> None:
+    out, options = tmp_path / "out", MineOptions(fit=False)
+    first = mine([drive], out, options)
+    with pytest.raises(InputError, match="resume=True"):
+        mine([drive], out, options)
+    when = (out / "parts" / "drive" / "maneuvers.parquet").stat().st_mtime_ns
+    again = mine([drive], out, replace(options, resume=True))
+    assert (out / "parts" / "drive" / "maneuvers.parquet").stat().st_mtime_ns == when
+    assert again.scenarios.equals(first.scenarios)
+    table = (drive / "gt.csv").read_text().splitlines()
+    (drive / "gt.csv").write_text("\n".join(line for line in table if ",far," not in line) + "\n")
+    anew = mine([drive], out, replace(options, resume=True))
+    assert anew.report.parts[0].objects == 2
+    assert read_mined(out).report == anew.report
+    (out / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        mine([drive], out, replace(options, resume=True))
+
+
+@pytest.mark.parametrize("what", ["TTC", "decision", "strong_braking"])
+def test_around_cuts_out_the_moments_of_the_recordings_own_ego(tmp_path: Path, what: str) -> None:
+    around = AroundOptions(what, before=2.0, after=1.5, most=2)
+    found = mine([SHIPPED / "cut_in_brake"], tmp_path / "out", MineOptions(around=around, fit=False))
+    rows = found.scenarios
+    assert 1 <= len(rows) <= 2
+    ego = read_recording(SHIPPED / "cut_in_brake").ego
+    assert set(rows["ego"]) == {ego}
+    assert set(rows["labels"]) == {f"around {what}"}
+    assert (rows["duration"] <= 8.0).all()
+    assert all((tmp_path / "out" / folder / "sd.csv").is_file() for folder in rows["folder"])
+
+
+def test_peaks_of_a_measure_are_found_also_at_its_ends() -> None:
+    none = -np.inf
+    assert peaks(np.array([3.0, 1.0, none, 2.0, 2.0, 2.0, 0.0, 5.0])).tolist() == [0, 4, 7]
+    assert peaks(np.array([none, none])).tolist() == []
+
+
+def test_an_unknown_measure_or_label_is_refused(tmp_path: Path, drive: Path) -> None:
+    with pytest.raises(InputError, match="TTX"):
+        mine([drive], tmp_path / "out", MineOptions(around=AroundOptions("TTX")))
