@@ -61,7 +61,7 @@ class PopulationSettings(Strict):
     keep_right: RandomNumber = constant(1.0)
 
 
-class LaneChangeSettings(Strict):
+class NaturalisticLaneChange(Strict):
     """How vehicles change lane.
 
     Attributes:
@@ -85,7 +85,7 @@ class NaturalisticSettings(Strict):
     demand: DemandSettings = DemandSettings()
     car: PopulationSettings
     truck: PopulationSettings
-    lane_change: LaneChangeSettings = LaneChangeSettings()
+    lane_change: NaturalisticLaneChange = NaturalisticLaneChange()
     recording: Annotated[float, Field(strict=True, ge=10.0, le=900.0)] = 120.0
 
 
