@@ -11,8 +11,8 @@ from resim.verification.validity_interval import IntervalEnd, ValidityInterval
 MEANING = Markup(
     "At every variation that was run within each interval no KPI flips in simulation, the run lasts to its end, and "
     "the EGO collides with nobody unless it does in the drive. This does not prove the interval safe: it is what "
-    "<b>one real re-check at its end</b> would legitimise, and no further (Groh 2018, III.C). A flip and back between two "
-    "variations that were run would not have been seen."
+    "<b>one real re-check at its end</b> would legitimise, and no further (Groh 2018, III.C). A flip and back between "
+    "two variations that were run would not have been seen."
 )
 OVER_SEEDS = (
     "With the perception model that holds of more than {:g} of the seeds: each variation passed the test by which the "
