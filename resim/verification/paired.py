@@ -11,9 +11,8 @@ import numpy as np
 from resim.core.geometry import Floats
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
 from resim.verification.compare import kpi_text
+from resim.verification.ends import ends_text, worse_ends
 
-ENDED = "lasts to the end"
-"""Stands among KPIs lost where the new build's run ended early and the old one's did not."""
 NOT_COMPARED = "INVALID with one build or both, which shows nothing of them:"
 """How a note begins that names criteria which were not compared."""
 Change = Literal["gained", "lost", "same"]
@@ -50,7 +49,8 @@ class RunPair:
 def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, diverged: float | None) -> RunPair:
     """Set the new build's run beside the old one's. diverged: when [s] the EGOs diverge.
 
-    A run that ended before there was anything to judge has lost what the other passed.
+    A run that ended before there was anything to judge has lost what the other passed. One that ends worse than the
+    old one's, which may have ended badly too, has lost that (`resim.verification.ends`), and gained nothing.
     """
     lost_all = {
         name: Kpi("INVALID", None, k.unit, None, "", k.weight, "no run") for name, k in old.kpis.items()
@@ -61,14 +61,16 @@ def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, diverged: float
     told = [
         f"{name}: {kpi_text(before[name])} before, {kpi_text(now[name])} now" for name in (*lost, *gained)
     ]
-    if old.whole and not new.whole:  # what it would have passed or failed later is not known
-        gained, lost = (), (*lost, ENDED)
-    if ENDED in lost:
-        told.append(f"it ends by {new.end.replace('_', ' ')} now")
+    if worse := tuple(worse_ends(old, new)):
+        gained, lost = (), (*lost, *worse)
+    if ends := ends_text(old, new, worse):
+        told.append(ends)
     if old.decision != new.decision:
         did = [", ".join(o.decision).replace("_", " ") or "nothing" for o in (old, new)]
         told.append(f"decision: {did[0]} before, {did[1]} now")
-    broken = [t for name in lost if name != ENDED and (t := now[name].t) is not None]
+    broken = [t for name in lost if name in now and (t := now[name].t) is not None]
+    if worse and new.bad is not None:
+        broken.append(new.bad.t)
     return RunPair(
         seed, gained, lost, _weight(lost, now), (old.decision, new.decision),
         (old.reaction, new.reaction),
@@ -81,9 +83,9 @@ def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, diverged: float
 
 
 def _weight(lost: Sequence[str], now: Mapping[str, Kpi]) -> float:
-    """The weight of what is lost; a run that does not last weighs as much as the gravest criterion."""
+    """The weight of what is lost; a worse end weighs as much as the gravest criterion."""
     gravest = max((kpi.weight for kpi in now.values()), default=1.0)
-    return float(sum(gravest if name == ENDED else now[name].weight for name in lost))
+    return float(sum(now[name].weight if name in now else gravest for name in lost))
 
 
 def _change(old: str, new: str) -> Change:

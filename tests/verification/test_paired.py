@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
+from resim.resimulation.drive_outcome import COMFORT, BadEnd, DriveOutcome, Kpi
 from resim.verification.entries import BuildVerdict, ComparedRecording, ReactionsOfBuilds
 from resim.verification.limits import RegressionLimits
 from resim.verification.paired import RunPair, difference, pair
@@ -46,6 +46,39 @@ def test_a_run_that_is_cut_short_loses_and_gains_nothing() -> None:
     assert (found.gained, found.lost, found.weight_lost) == ((), ("lasts to the end",), 3.0)
     assert "it ends by collision now" in found.differences
     assert pair(0, short, short, None).lost == ()
+
+
+OFF, HIT = "off_road", "collision"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "lost", "told"),
+    [
+        (BadEnd(OFF, 9.0), BadEnd(OFF, 2.0), ("ends no sooner",), "off road at 9.0 s before, off road at 2.0 s now"),
+        (BadEnd(OFF, 9.0), BadEnd(OFF, 8.9), (), ""),
+        (BadEnd(OFF, 9.0), BadEnd(OFF, 11.0), (), "off road at 9.0 s before, off road at 11.0 s now"),
+        (BadEnd(OFF, 9.0), BadEnd(HIT, 9.0, 3.0), ("does not collide",), "collision at 9.0 s, 3.0 m/s now"),
+        (BadEnd(HIT, 9.0, 3.0), BadEnd(OFF, 9.0), (), "off road at 9.0 s now"),
+        (BadEnd(HIT, 9.0, 3.0), BadEnd(HIT, 9.1, 6.0), ("collides no harder",), "9.1 s, 6.0 m/s now"),
+        (BadEnd(HIT, 9.0, 3.0), BadEnd(HIT, 4.0, 6.0), ("ends no sooner", "collides no harder"), "4.0 s, 6.0 m/s now"),
+        (BadEnd(HIT, 9.0, 3.0), BadEnd(HIT, 9.1, 3.4), (), ""),
+    ],
+)  # fmt: skip
+def test_a_worse_end_is_a_loss_where_the_old_one_was_bad_too(
+    old: BadEnd, new: BadEnd, lost: tuple[str, ...], told: str
+) -> None:
+    before, now = (drive("PASS", end=end.by, collision=end.by == HIT, bad=end) for end in (old, new))
+    found = pair(0, drive("FAIL", end=old.by, bad=old) if lost else before, now, None)
+    assert (found.lost, found.weight_lost) == (lost, 3.0 * len(lost))
+    assert found.gained == ()
+    assert told in "; ".join(found.differences)
+    assert bool(found.differences) == bool(told)
+    assert found.t == (new.t if lost else None)
+
+
+def test_a_collision_that_does_not_end_the_run_is_a_loss() -> None:
+    now = drive("PASS", end="duration", collision=True, bad=BadEnd(HIT, 4.0, 3.0))
+    assert pair(0, drive("PASS", end="duration"), now, None).lost == ("does not collide",)
 
 
 def test_a_loss_is_told_from_where_the_drives_part() -> None:
