@@ -57,7 +57,9 @@ class Crossing:
 def grid_map(y: Floats, a: Levels, b: Levels) -> ShareMap:
     """Give the map on the levels of two parameters; y (K, S): 1 where a run passes, by point and seed."""
     shape = len(b), len(a)
-    found = shares(y, np.where((a.of >= 0) & (b.of >= 0), b.of * len(a) + a.of, -1), len(a) * len(b))
+    found = shares(
+        y, np.where((a.of >= 0) & (b.of >= 0), b.of * len(a) + a.of, -1), len(a) * len(b), drawn=False
+    )
     share, low, high = (part.reshape(shape) for part in (found.mean, found.low, found.high))
     return ShareMap(a.centre, b.centre, share, low, high)
 
