@@ -67,7 +67,7 @@ def shares(y: Floats, group: Ints, groups: int, *, drawn: bool = True) -> GroupM
     y (K, S): 0 or 1 by point and seed, NaN where there is no run; group (K,): of each point, -1 for none. The interval
     is exact, of as many as there are points where these were drawn: seeds of one point are a cluster, and a few
     clusters do not tell how much they differ from those that were not drawn. Where the points are all that there is
-    (drawn: False), it is Wilson's of the effective number of runs, as many independent ones as give the variance that is seen
+    (drawn: False), it is Wilson's, of as many independent runs as give the variance that is seen
     between points (Kish 1965, design effect): all runs at most, and at least the points; of a lone point its seeds.
     """
     points, n, c, counted = _sums(y, group, groups)
