@@ -102,7 +102,8 @@ def _means(told: ComparisonSummary) -> Markup:
     note = (
         "Change (new - old); a recording counts with the mean of its seeds, the interval is Student's over these, "
         f"widened for skew. It is not shown of fewer than {RECORDINGS} recordings, or where fewer than {DIFFERENT} "
-        "differ from what most of them give. What happens in so few recordings that none here shows it is in no interval."
+        "differ from what most of them give. What happens in so few recordings that none here shows it is in no "
+        "interval."
     )
     head = ["", "mean difference", "95 % interval", "recordings"]
     return html("<h2>Risk and comfort</h2><p>{}</p>{}", note, rows_table(head, rows, "limits"))
