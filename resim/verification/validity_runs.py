@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,14 +26,22 @@ ENDS = {"off_road": "the EGO leaves the road", "collision": "the EGO collides", 
 """How the end of a run is told, by `SimulatedDrive.end`."""
 
 
+@dataclass(frozen=True)
+class DemandedShare:
+    """The seeds that a change may take, in their order, and the test of the verdict that their share has to pass."""
+
+    seeds: Sequence[int]
+    test: SequentialTest
+
+
 def validity(
     result: Resimulation, measured: DriveOutcome, parameter: str, whom: str, how: AssessmentOptions,
-    seeds: Sequence[int] = (), test: SequentialTest | None = None,
+    demanded: DemandedShare | None = None,
 ) -> ValidityInterval:  # fmt: skip
     """Search the range of a parameter of one object in which every KPI of the simulation stays that of the drive.
 
     Simulated on GT, with the perception model of the re-simulation if it has one: then each change has to pass the
-    `test` of the verdict, with as many of `seeds`. Raises ResimError where there is nothing to vary, or the simulation
+    test of the verdict (`demanded`). Raises ResimError where there is nothing to vary, or the simulation
     is not as measured already without a change.
     """
 
@@ -41,9 +49,9 @@ def validity(
         scenario = vary(result.described["GT"], result.network, whom, parameter, amount)
         prepared = replace(result.prepared, described={**result.described, "GT": scenario})
         changed = Resimulation(prepared, result.build, result.options)
-        if result.perceiving is None or test is None:
+        if result.perceiving is None or demanded is None:
             return _unlike(seed_outcome(run_on_gt(changed), 0, how), measured)
-        return unlike_over_seeds(changed, Sensor(result.perceiving.model), measured, how, seeds, test)
+        return unlike_over_seeds(changed, Sensor(result.perceiving.model), measured, how, demanded)
 
     if at_once := unlike(0.0):
         told = [*(f"{name} is not as measured" for name in at_once.flips), *at_once.others]
@@ -52,7 +60,7 @@ def validity(
     low, high, tried = search(unlike, which.most, which.resolution)
     return ValidityInterval(
         parameter, which.unit, whom, low, high, which.resolution, tried,
-        None if result.perceiving is None or test is None else test.demand,
+        None if demanded is None else demanded.test.demand,
     )  # fmt: skip
 
 
@@ -74,13 +82,14 @@ def _unlike(found: DriveOutcome, measured: DriveOutcome) -> Unlike:
 
 def unlike_over_seeds(
     changed: Resimulation, sensor: Sensor, measured: DriveOutcome, how: AssessmentOptions,
-    seeds: Sequence[int], test: SequentialTest,
+    demanded: DemandedShare,
 ) -> Unlike:  # fmt: skip
     """What keeps the share of seeds that are as measured from being told enough: nothing where it is.
 
     Seeds that cannot be judged do not agree. Where the test cannot tell, nothing is shown, which ends the range too.
     """
     found: list[Unlike] = []
+    seeds, test = demanded.seeds, demanded.test
     for first in range(0, len(seeds), BATCH):
         some = seeds[first : first + BATCH]
         runs = runs_on_gt(changed, [(sensor, seed) for seed in some])

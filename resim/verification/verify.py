@@ -27,7 +27,7 @@ from resim.verification.openloop import open_loop
 from resim.verification.result import VerificationResult
 from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import Tolerances
-from resim.verification.validity_runs import critical, validity
+from resim.verification.validity_runs import DemandedShare, critical, validity
 
 COMPARED = (*COMFORT, "risk", "collision")
 """Measures that are compared whether criteria ask for them or not."""
@@ -132,11 +132,11 @@ def _varied(
 ) -> VerificationResult:
     """Search how far the parameters can be varied, with up to the `seeds` of the verdict; a note says where not."""
     ranges, notes = [], []
-    test = SequentialTest(demands.agreement, len(seeds)) if seeds else None
+    demanded = DemandedShare(seeds, SequentialTest(demands.agreement, len(seeds))) if seeds else None
     for parameter in demands.vary:
         try:
             ranges.append(
-                validity(found.result, found.outcomes["GT"], parameter, critical(measured), how, seeds, test)
+                validity(found.result, found.outcomes["GT"], parameter, critical(measured), how, demanded)
             )
         except ResimError as e:
             notes.append(f"{parameter} is not varied: {e}")

@@ -25,7 +25,7 @@ from resim.simulation.direct import Direct
 from resim.simulation.function.interface import freeze_build, load_build
 from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import Tolerances
-from resim.verification.validity_runs import unlike_over_seeds
+from resim.verification.validity_runs import DemandedShare, unlike_over_seeds
 from resim.verification.verify import COMPARED, Demands, verify_recording
 
 OPTIONS = ResimulationOptions(bases=("GT",), engine=Direct())
@@ -71,14 +71,14 @@ def test_a_change_has_to_show_the_agreement_that_the_verdict_shows(tmp_path: Pat
     how = AssessmentOptions(criteria=asked, only=COMPARED)
     whole = resimulate(recording, bare.build, OPTIONS)
     measured = outcomes(whole, assess_resimulation(whole, how))["GT"]
-    seeds, sensor, test = range(60), Sensor(model), SequentialTest(0.9, 60)
-    assert not unlike_over_seeds(bare, sensor, measured, how, seeds, test)
+    sensor, demanded = Sensor(model), DemandedShare(range(60), SequentialTest(0.9, 60))
+    assert not unlike_over_seeds(bare, sensor, measured, how, demanded)
     scenario = vary(bare.described["GT"], bare.network, "1", "gap", 5.0)
     changed = replace(bare, prepared=replace(bare.prepared, described={"GT": scenario}))
     some = range(20)
     each = seed_outcomes(list(zip(runs_on_gt(changed, [(sensor, s) for s in some]), some, strict=True)), how)
     (most, count), *_ = Counter(one.kpis["asked"].outcome for one in each).most_common()
     assert (most, count < 20) == (measured.kpis["asked"].outcome, True)
-    found = unlike_over_seeds(changed, sensor, measured, how, seeds, test)
+    found = unlike_over_seeds(changed, sensor, measured, how, demanded)
     assert found.flips == ("asked",)
     assert "seeds are as measured, which does not show more than 0.9 of all" in found.others[-1]
