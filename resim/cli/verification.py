@@ -101,10 +101,12 @@ def _reaction(runs: Sequence[ComparedRun], off: float | None) -> str:
 
 def _range(v: ValidityInterval) -> str:
     ends = [
-        f"{end.amount:+.3g} {v.unit} ({'then ' + ', '.join(end.flips) if end.flips else 'as far as tried'})"
+        f"{end.amount:+.3g} {v.unit} ({'then ' + ', '.join(then) if then else 'as far as tried'})"
         for end in (v.low, v.high)
+        for then in [(*end.flips, *end.others)]
     ]
-    return f"{v.parameter} of object {v.object}: no KPI flips from {ends[0]} to {ends[1]}"
+    seeds = "" if v.agreement is None else f" in more than {v.agreement:g} of the seeds"
+    return f"{v.parameter} of object {v.object}: no KPI flips{seeds} from {ends[0]} to {ends[1]}"
 
 
 def _compared(found: VerificationReport, told: ComparisonSummary) -> None:

@@ -47,7 +47,9 @@ def verdict(view: View, run: str) -> tuple[str, str]:
     early = report.end[run] != "duration"
     until = f", up to its end at {_end(view, run):.2f} s" if early else ""
     same = report.decision[run] == report.decision["GT"]
-    return ("same", f"= same decision{until}") if same else ("different", f"≠ different decision{until}")
+    if same:  # one that broke off might have decided something else later
+        return "none" if early else "same", f"= same decision{until}"
+    return "different", f"≠ different decision{until}"
 
 
 def badge(view: View, run: str) -> Markup:

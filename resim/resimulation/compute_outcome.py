@@ -16,7 +16,7 @@ from resim.resimulation.assessed import AssessmentOptions, ResimulationAssessmen
 from resim.resimulation.assessments import drive_block
 from resim.resimulation.blocks import Block, assess_blocks
 from resim.resimulation.decision import ego_events
-from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi, Rms
+from resim.resimulation.drive_outcome import COMFORT, BadEnd, DriveOutcome, Kpi, Rms
 from resim.resimulation.fidelity import EGO_ROW, TO_ROWS, StepErrors
 from resim.resimulation.reaction import ego_tracks
 from resim.resimulation.result import Resimulation, with_own
@@ -74,8 +74,9 @@ def _nothing(drive: SimulatedDrive) -> DriveOutcome:
     """A drive that ended before there was anything to judge."""
     comfort = dict.fromkeys(COMFORT)
     return DriveOutcome(
-        {}, (), None, None, comfort, bool(drive.collisions), drive.end, drive.failure, asked=_asked(drive, ())
-    )
+        {}, (), None, None, comfort, bool(drive.collisions), drive.end, drive.failure, asked=_asked(drive, ()),
+        bad=_bad(drive),
+    )  # fmt: skip
 
 
 def outcome(
@@ -97,7 +98,20 @@ def outcome(
         failure="" if drive is None else drive.failure,
         asked=_asked(drive, [measure.note for measure in assessment.measures.values()]),
         clear=assessment.clear and (drive is None or drive.end == "duration"),
+        bad=None if drive is None else _bad(drive),
     )
+
+
+def _bad(drive: SimulatedDrive) -> BadEnd | None:
+    """The first collision, also where it did not end the drive, or where it left the road."""
+    truth = drive.truth
+    if not drive.collisions:
+        return BadEnd("off_road", float(truth.t[-1])) if drive.end == "off_road" and len(truth.t) else None
+    first = min(drive.collisions, key=lambda one: one.t)
+    at = max(int(np.searchsorted(truth.t, first.t + 1e-9)) - 1, 0)
+    velocity = truth.v[:, at] * np.exp(1j * truth.heading[:, at])  # the EGO's is the first
+    speed = float(abs(velocity[0] - velocity[truth.index(first.id)])) if first.id in truth.ids else np.nan
+    return BadEnd("collision", first.t, _finite(speed))
 
 
 def _asked(drive: SimulatedDrive | None, notes: Iterable[str]) -> tuple[str, ...]:

@@ -26,6 +26,18 @@ class Kpi:
 
 
 @dataclass(frozen=True)
+class BadEnd:
+    """How a simulated EGO came to grief: by "collision" or "off_road", when [s], and with which closing speed [m/s].
+
+    speed: of the EGO and whom it hits, None off the road or where it is not known.
+    """
+
+    by: str
+    t: float
+    speed: float | None = None
+
+
+@dataclass(frozen=True)
 class DriveOutcome:
     """One drive: KPIs by criterion, what the EGO did and when [s], and how dangerous and comfortable it was.
 
@@ -33,7 +45,8 @@ class DriveOutcome:
     a simulation ended, "" for a measured drive. clear: whether it is shown that the EGO collides with nobody to the
     end. failure: why the function failed, or "". errors: of this drive alone, the pipeline's of a simulated one.
     reaction_spread [s]: how far first braking may be off, of a measured one. asked: what code under test, the
-    function's or own measures', asked that its hash does not know.
+    function's or own measures', asked that its hash does not know. bad: the first collision of a simulated drive, or
+    where it left the road.
     """
 
     kpis: Mapping[str, Kpi]
@@ -48,6 +61,7 @@ class DriveOutcome:
     reaction_spread: float | None = None
     asked: tuple[str, ...] = ()
     clear: bool = False
+    bad: BadEnd | None = None
 
     @property
     def decision(self) -> list[str]:

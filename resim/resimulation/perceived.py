@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from resim.perception.model import PerceptionModel
 from resim.resimulation.fidelity import EGO_ROW, StepErrors
-from resim.simulation.case import SimulatedDrive
+from resim.simulation.case import End, SimulatedDrive
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +38,27 @@ def end_error(drive: SimulatedDrive, pipe: StepErrors | None) -> float | None:
     return float(known[-1]) if len(known) else None
 
 
+def decides_as(decision: Sequence[str], measured: Sequence[str], end: str) -> bool | None:
+    """Say whether a run makes the measured decision; None where it broke off before that is shown.
+
+    end: as `SimulatedDrive.end`. What a run that ended early did decides where it is no beginning of what was measured;
+    else the EGO might have done the rest, or something more.
+    """
+    if end == "duration":
+        return list(decision) == list(measured)
+    return None if list(decision) == list(measured)[: len(decision)] else False
+
+
 def same_decision(
-    runs: Iterable[tuple[tuple[str, ...], str | None]], measured: tuple[str, ...] | None
+    runs: Iterable[tuple[tuple[str, ...], End, str | None]], measured: tuple[str, ...] | None
 ) -> int:
-    """Give how many runs, each its decision and failure, decide as the measured drive; a failed one decides nothing."""
-    return sum(decision == measured and failure is None for decision, failure in runs)
+    """Give how many runs, each its decision, end and failure, are shown to decide as the measured drive.
+
+    One that failed decides nothing, and one that collided or left the road did not show it to the end.
+    """
+    if measured is None:
+        return 0
+    return sum(failure is None and decides_as(did, measured, end) is True for did, end, failure in runs)
 
 
 def difference(later: float | None, earlier: float | None) -> float | None:

@@ -68,7 +68,7 @@ class SeedReport:
 
 @dataclass(frozen=True)
 class PerceptionReport:
-    """The drives with a perception model; same_decision: how many of them decide as the measured drive."""
+    """The drives with a perception model; same_decision: how many decide as the measured drive, and last to the end."""
 
     model: ModelReport
     same_decision: int
@@ -180,7 +180,7 @@ def _perception(
     seeds = tuple(_seed(result, seed, reaction) for seed in result.seeds)
     return PerceptionReport(
         ModelReport(given.model.name, given.hash, given.overrides),
-        same_decision(((s.decision, s.failure) for s in seeds), decision),
+        same_decision(((s.decision, s.end, s.failure) for s in seeds), decision),
         seeds,
     )
 

@@ -33,7 +33,7 @@ REMEDY = "Make it again; it may be of an older version."
 _COUNTS = """
 SELECT recording, build, count(*), count(*) FILTER (verdict = 'PASS'), count(*) FILTER (verdict = 'FAIL'),
   count(*) FILTER (verdict = 'INVALID'), count(*) FILTER (failure IS NOT NULL), count(*) FILTER (collision),
-  avg(same_decision::DOUBLE), [{bad}]::BIGINT[]
+  CASE WHEN count(same_decision) > 0 THEN count(*) FILTER (same_decision) / count(*) END, [{bad}]::BIGINT[]
 FROM (SELECT run, recording, build, {columns} FROM read_parquet(?, union_by_name = true, hive_partitioning = false))
 GROUP BY recording, build ORDER BY min(run)
 """
@@ -206,13 +206,14 @@ def _judged(
     for source in (*blocks, *(name for name in failures if name not in blocks)):
         block = blocks.get(source, {})
         bad = [name for name, k in block.get("criteria", {}).items() if k["verdict"] != "PASS"]
-        simulated = source.startswith("r") and decided.get(source) is not None
+        whole = report.get("end", {}).get(source, "duration") == "duration"
+        told = source.startswith("r") and whole and decided.get(source) is not None
         yield CatalogOutcome(
             recording, builds.get(source, ""), source,
             verdict=FAILED if source in failures else block["verdict"] or "",
             cause=failures.get(source) or ", ".join(bad),
             collisions=int(hit[source]) if source in hit else None,
-            same_decision=float(decided[source] == decided["GT"]) if simulated else None,
+            same_decision=float(decided[source] == decided["GT"]) if told else None,
         )  # fmt: skip
 
 

@@ -157,7 +157,12 @@ def _outcome(o: SweepOutcome, points: SweepPoints, limit: str | None) -> Varying
     estimate = shares if o.share else means
     varied = [p for p in range(points.x.shape[1]) if len(np.unique(points.x[:, p])) > 1]
     steps = {i: levels(points.x[:, i], BINS, points.along(i)) for i in varied}
-    found = {i: estimate(o.y, step.of, len(step)) for i, step in steps.items()}
+    found = {
+        i: estimate(
+            o.y, step.of, len(step), drawn=points.layout == "drawn" and (len(varied) > 1 or step.binned)
+        )
+        for i, step in steps.items()
+    }
     names = [p.name for p in points.parameters]
     known: Bools = np.asarray(np.isfinite(o.y).any(axis=1))
     reach = ranges([found[i].mean if i in found else np.array([np.nan]) for i in range(len(names))])

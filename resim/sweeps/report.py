@@ -142,6 +142,7 @@ class RequirementEntry(Requirement):
 class MapEntry:
     """The share of runs that are good over parameters a and b: rows (b) of columns (a), with its 95 % interval.
 
+    Of drawn points both are of the smoothed share, the mean of the true one over the kernel.
     others: parameters that vary, too. width: of the kernel, as a share of the ranges, None on a grid. boundaries: by
     the share that they are of.
     """

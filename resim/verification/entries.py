@@ -82,7 +82,7 @@ class SeedRuns(_VerdictWithCause):
     """What the re-simulations with a perception model gave.
 
     agreement: more than this share of them is demanded to agree; share: that does. needed: how many seeds would tell
-    where that is undecided. same_decision: share of those that make the measured decision.
+    where that is undecided. same_decision: share of those that make the measured decision and end as the drive does.
     """
 
     agreement: float

@@ -7,15 +7,21 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.special import stdtrit
 
 from resim.core.geometry import Floats
+from resim.core.intervals import CONFIDENCE
 from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
 from resim.verification.compare import kpi_text
+from resim.verification.ends import ends_text, worse_ends
 
-ENDED = "lasts to the end"
-"""Stands among KPIs lost where the new build's run ended early and the old one's did not."""
 NOT_COMPARED = "INVALID with one build or both, which shows nothing of them:"
 """How a note begins that names criteria which were not compared."""
+RECORDINGS, DIFFERENT = 5, 3
+"""Recordings that an interval of a mean needs, and how many have to differ from what most of them give.
+
+It is Student's, widened as if one recording more had gone beyond either end by the range of the others, less of it the
+more there are: t alone holds 83 % where differences are skew (docs/validation.md, the twenty-third round)."""
 Change = Literal["gained", "lost", "same"]
 
 
@@ -50,7 +56,8 @@ class RunPair:
 def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, diverged: float | None) -> RunPair:
     """Set the new build's run beside the old one's. diverged: when [s] the EGOs diverge.
 
-    A run that ended before there was anything to judge has lost what the other passed.
+    A run that ended before there was anything to judge has lost what the other passed. One that ends worse than the
+    old one's, which may have ended badly too, has lost that (`resim.verification.ends`), and gained nothing.
     """
     lost_all = {
         name: Kpi("INVALID", None, k.unit, None, "", k.weight, "no run") for name, k in old.kpis.items()
@@ -61,14 +68,16 @@ def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, diverged: float
     told = [
         f"{name}: {kpi_text(before[name])} before, {kpi_text(now[name])} now" for name in (*lost, *gained)
     ]
-    if old.whole and not new.whole:  # what it would have passed or failed later is not known
-        gained, lost = (), (*lost, ENDED)
-    if ENDED in lost:
-        told.append(f"it ends by {new.end.replace('_', ' ')} now")
+    if worse := tuple(worse_ends(old, new)):
+        gained, lost = (), (*lost, *worse)
+    if ends := ends_text(old, new, worse):
+        told.append(ends)
     if old.decision != new.decision:
         did = [", ".join(o.decision).replace("_", " ") or "nothing" for o in (old, new)]
         told.append(f"decision: {did[0]} before, {did[1]} now")
-    broken = [t for name in lost if name != ENDED and (t := now[name].t) is not None]
+    broken = [t for name in lost if name in now and (t := now[name].t) is not None]
+    if worse and new.bad is not None:
+        broken.append(new.bad.t)
     return RunPair(
         seed, gained, lost, _weight(lost, now), (old.decision, new.decision),
         (old.reaction, new.reaction),
@@ -81,9 +90,9 @@ def pair(seed: int | None, old: DriveOutcome, new: DriveOutcome, diverged: float
 
 
 def _weight(lost: Sequence[str], now: Mapping[str, Kpi]) -> float:
-    """The weight of what is lost; a run that does not last weighs as much as the gravest criterion."""
+    """The weight of what is lost; a worse end weighs as much as the gravest criterion."""
     gravest = max((kpi.weight for kpi in now.values()), default=1.0)
-    return float(sum(gravest if name == ENDED else now[name].weight for name in lost))
+    return float(sum(now[name].weight if name in now else gravest for name in lost))
 
 
 def _change(old: str, new: str) -> Change:
@@ -98,7 +107,7 @@ def _change(old: str, new: str) -> Change:
 
 @dataclass(frozen=True)
 class Difference:
-    """The mean of paired differences, and its 95 % interval over `of` recordings, None for a single one."""
+    """The mean of paired differences, and its 95 % interval over `of` recordings, None where these are too few."""
 
     mean: float
     low: float | None
@@ -109,23 +118,29 @@ class Difference:
 def difference(pairs: Sequence[Sequence[float | None]]) -> Difference | None:
     """Give the mean difference over recordings, each the mean of its seeds; None where there is none.
 
-    The interval is a percentile bootstrap over recordings, as seeds of one recording are no independent evidence.
+    The interval is over recordings, as seeds of one recording are no independent evidence: none of fewer than
+    RECORDINGS, or where fewer than DIFFERENT differ from what most of them give, so that equal values claim nothing.
     """
     means = [float(np.mean(known)) for one in pairs if (known := [x for x in one if x is not None])]
     if not means:
         return None
     values: Floats = np.array(means)
-    mean = float(values.mean())
-    if len(values) < 2:
-        return Difference(mean, None, None, 1)
-    if np.ptp(values) < 1e-12:
-        return Difference(mean, mean, mean, len(values))
-    from scipy.stats import bootstrap  # it takes a second to load, and few comparisons need it
+    mean, n = float(values.mean()), len(values)
+    apart = n - int(np.unique(np.round(values, 12), return_counts=True)[1].max())
+    if n < RECORDINGS or apart < DIFFERENT:
+        return Difference(mean, None, None, n)
+    reach = float(np.ptp(values) * np.sqrt(RECORDINGS / n))
+    ends = [
+        _student(values),
+        *(_student(np.append(values, x)) for x in (values.min() - reach, values.max() + reach)),
+    ]
+    return Difference(mean, float(min(low for low, _ in ends)), float(max(high for _, high in ends)), n)
 
-    found = bootstrap(
-        (values,), np.mean, n_resamples=4999, method="percentile", rng=np.random.default_rng(0)
-    ).confidence_interval
-    return Difference(mean, float(found.low), float(found.high), len(values))
+
+def _student(values: Floats) -> tuple[float, float]:
+    """Student's t interval (low, high) of the mean of values (K,)."""
+    half = stdtrit(len(values) - 1, 0.5 + 0.5 * CONFIDENCE) * values.std(ddof=1) / np.sqrt(len(values))
+    return float(values.mean() - half), float(values.mean() + half)
 
 
 def _minus(new: float | None, old: float | None) -> float | None:

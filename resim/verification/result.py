@@ -128,7 +128,7 @@ class VerificationResult:
             agreement=test.demand,
             share=judged.share,
             needed=judged.needed,
-            same_decision=share([c.same_decision for c in judged.comparisons]),
+            same_decision=share([c.same_decision and c.whole and not c.failure for c in judged.comparisons]),
             seeds=tuple(
                 SeedRun(seed=seed, **vars(_compared(c)), end=o.end, errors=o.errors) for (seed, o), c in each
             ),

@@ -8,18 +8,35 @@ from dataclasses import dataclass
 POINTS = 8
 """Equal steps to each side in which it is looked whether anything flips, so that what flips and flips back is seen."""
 
-Flips = Callable[[float], tuple[str, ...]]
-"""Gives the criteria whose KPIs flip when the parameter is changed by an amount."""
+
+@dataclass(frozen=True)
+class Unlike:
+    """What is not as measured when a parameter is changed by an amount; it is true where anything is.
+
+    flips: criteria whose KPIs flip. others: what else ends the interval, such as that the EGO collides.
+    """
+
+    flips: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.flips or self.others)
+
+
+Flips = Callable[[float], Unlike]
+"""Gives what is not as measured when the parameter is changed by an amount."""
 
 
 @dataclass(frozen=True)
 class IntervalEnd:
-    """One end of the interval. amount: the last at which no KPI flips; flips: which do `resolution` further on, none
-    where the search ended first.
+    """One end of the interval. amount: the last at which no KPI flips; flips: which do `resolution` further on.
+
+    others: what else ends it there, such as that the EGO collides. Neither where the search ended first.
     """
 
     amount: float
     flips: tuple[str, ...]
+    others: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -27,6 +44,8 @@ class ValidityInterval:
     """Within which changes of a parameter of an object all KPIs stay as they are in simulation; low <= 0 <= high.
 
     No more than that: a real drive at an end of it would legitimise the simulation in between, and nothing beyond.
+    agreement: more than this share of seeds keeps every KPI at each change that was simulated, by the test of the
+    verdict; None where one run was simulated at each.
     """
 
     parameter: str
@@ -36,6 +55,7 @@ class ValidityInterval:
     high: IntervalEnd
     resolution: float
     tried: int
+    agreement: float | None = None
 
 
 def search(flips: Flips, most: float, resolution: float) -> tuple[IntervalEnd, IntervalEnd, int]:
@@ -45,7 +65,7 @@ def search(flips: Flips, most: float, resolution: float) -> tuple[IntervalEnd, I
     """
     tried = 0
 
-    def at(amount: float) -> tuple[str, ...]:
+    def at(amount: float) -> Unlike:
         nonlocal tried
         tried += 1
         return flips(amount)
@@ -57,17 +77,17 @@ def search(flips: Flips, most: float, resolution: float) -> tuple[IntervalEnd, I
 def _end(flips: Flips, most: float, resolution: float) -> IntervalEnd:
     good: float = 0.0
     bad: float | None = None
-    names: tuple[str, ...] = ()
+    unlike = Unlike()
     for k in range(1, POINTS + 1):
         amount = most * k / POINTS
-        if names := flips(amount):
+        if unlike := flips(amount):
             bad = amount
             break
         good = amount
     while bad is not None and abs(bad - good) > resolution * (1.0 + 1e-9):
         middle = 0.5 * (good + bad)
         if found := flips(middle):
-            bad, names = middle, found
+            bad, unlike = middle, found
         else:
             good = middle
-    return IntervalEnd(good, names)
+    return IntervalEnd(good, unlike.flips, unlike.others)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -27,7 +27,7 @@ from resim.verification.openloop import open_loop
 from resim.verification.result import VerificationResult
 from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import Tolerances
-from resim.verification.validity_runs import critical, validity
+from resim.verification.validity_runs import DemandedShare, critical, validity
 
 COMPARED = (*COMFORT, "risk", "collision")
 """Measures that are compared whether criteria ask for them or not."""
@@ -112,25 +112,31 @@ def verify_recording(
         way: cause(j, errors, demands.tolerances, recorded, shown[way], driven, oracle=build.needs_truth)
         for way, j in judged.items()
     }
-    asked = (note for came_to in (*found.values(), *seeds.values()) for note in came_to.asked)
-    notes = tuple(dict.fromkeys([*result.warnings, *assessed.notes(), *_driven_otherwise(driven), *asked]))
+    of_code = (note for came_to in (*found.values(), *seeds.values()) for note in came_to.asked)
+    notes = tuple(dict.fromkeys([*result.warnings, *assessed.notes(), *_driven_otherwise(driven), *of_code]))
     out = VerificationResult(
         result, (first, assessed), found, seeds, errors, judged, causes, recorded, driven, notes=notes
     )
     if demands.vary and out.verdict == "verified":
-        return _varied(out, assessed.blocks["GT"], demands.vary, how)
+        asked = () if perceiving is None else perceiving.seeds
+        return _varied(out, assessed.blocks["GT"], demands, how, asked)
     return out
 
 
 def _varied(
-    found: VerificationResult, measured: Assessment, parameters: tuple[str, ...], how: AssessmentOptions
+    found: VerificationResult,
+    measured: Assessment,
+    demands: Demands,
+    how: AssessmentOptions,
+    seeds: Sequence[int],
 ) -> VerificationResult:
-    """Search how far the parameters can be varied; a note says where that cannot be done."""
+    """Search how far the parameters can be varied, with up to the `seeds` of the verdict; a note says where not."""
     ranges, notes = [], []
-    for parameter in parameters:
+    demanded = DemandedShare(seeds, SequentialTest(demands.agreement, len(seeds))) if seeds else None
+    for parameter in demands.vary:
         try:
             ranges.append(
-                validity(found.result, found.outcomes["GT"].kpis, parameter, critical(measured), how)
+                validity(found.result, found.outcomes["GT"], parameter, critical(measured), how, demanded)
             )
         except ResimError as e:
             notes.append(f"{parameter} is not varied: {e}")

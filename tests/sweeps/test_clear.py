@@ -1,4 +1,4 @@
-"""That the EGO does not collide is told of runs that show it to the end, and of no others."""
+"""That the EGO does not collide, or decides as measured, is told of runs that show it to the end, and of no others."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ folder = "{drive}"
 
 [[parameter]]
 name = "function.bend"
-values = [0.0, 0.02]
+values = [-0.1, 0.0, 0.02]
 """
 
 
@@ -83,12 +83,16 @@ def swept(home: Path, drive: str, last: float) -> pd.DataFrame:
 
 def test_a_run_that_leaves_the_road_does_not_show_that_it_would_not_have_collided(tmp_path: Path) -> None:
     runs = swept(tmp_path, "whole", 6.0)
-    assert runs["end"].tolist() == ["duration", "off_road"]
-    assert runs["collision"].isna().tolist() == [False, True]
-    assert not runs["collision"][0]
+    assert runs["end"].tolist() == ["off_road", "duration", "off_road"]
+    assert runs["collision"].isna().tolist() == [True, False, True]
+    assert not runs["collision"][1]
+    # the first does nothing, as measured, until it leaves the road; the last has changed lanes by then
+    assert runs["decision"].eq("").tolist() == [True, True, False]
+    assert runs["same_decision"].isna().tolist() == [True, False, False]
+    assert runs["same_decision"][1:].tolist() == [True, False]
 
 
 def test_who_is_not_seen_may_have_been_hit_though_no_criterion_asks(tmp_path: Path) -> None:
     runs = swept(tmp_path, "gone", 3.0)
-    assert runs["end"][0] == "duration"
+    assert runs["end"][1] == "duration"
     assert runs["collision"].isna().all()

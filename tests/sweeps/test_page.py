@@ -201,6 +201,7 @@ def test_what_is_drawn_is_smoothed_and_fitted(call: Call, tmp_path: Path) -> Non
         if abs(c["b"]) < 1.5:
             assert c["at"] == pytest.approx(0.3 + 0.1 * c["b"], abs=0.05)
     assert "varies, too: time gap of the function" in page
+    assert "of the ranges; bounds are of the smoothed share" in page
     assert "in the bin of drawn values" in said
 
 

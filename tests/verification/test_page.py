@@ -41,8 +41,9 @@ recording = [{{folder = "{root}/scenarios/cut_in_brake"}}, {{folder = "{root}/sc
              {{folder = "broken"}}]
 """
 RANGE = {
-    "parameter": "gap", "unit": "m", "object": "<1>", "resolution": 0.25, "tried": 11,
-    "low": {"amount": -6.5625, "flips": ["accident risk", "time headway"]}, "high": {"amount": 30.0, "flips": []},
+    "parameter": "gap", "unit": "m", "object": "<1>", "resolution": 0.25, "tried": 11, "agreement": 0.9,
+    "low": {"amount": -6.5625, "flips": ["accident risk", "time headway"], "others": ["the EGO collides"]},
+    "high": {"amount": 30.0, "flips": [], "others": []},
 }  # fmt: skip
 
 
@@ -230,10 +231,11 @@ def test_local_validity_is_told_as_no_more_than_it_is(measured, write):
     _, document = write(found, traces)
     detail = part(document, "cut_in_brake")[1]
     said = words(detail)
+    assert "more than 0.9 of the seeds: each variation passed the test by which" in said
     assert "one real re-check at its end would legitimise, and no further (Groh 2018, III.C)" in said
     (row,) = select(detail, ".ranges tbody tr")
     assert words(row[0]) == "gap of object <1>"
-    assert words(row[1]) == "−6.56 m then accident risk, time headway flip"
+    assert words(row[1]) == "−6.56 m then accident risk, time headway flip; the EGO collides"
     assert words(row[3]) == "+30 m no KPI flips in the tested range"
     assert [p.get("class") for p in select(row, "path")] == ["grid", "held", "frame", "stop", "open"]
 

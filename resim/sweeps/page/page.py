@@ -182,7 +182,7 @@ def _note(found: MapEntry, by_name: Mapping[str, SweptParameter]) -> Markup:
     if found.others:
         parts.append("varies, too: " + ", ".join(by_name[name].label for name in found.others))
     if found.width is not None:
-        parts.append(f"smoothed over {percent(found.width)} of the ranges")
+        parts.append(f"smoothed over {percent(found.width)} of the ranges; bounds are of the smoothed share")
     return html('<span class="note">{}</span>', "; ".join(parts)) if parts else Markup()
 
 
@@ -203,8 +203,9 @@ def _reading(found: SweepReport) -> Markup:
         "<h2>How to read it</h2><ul>"
         "<li>All intervals are of 95 %. What is counted is points of the plan, not runs: the seeds of a point are no "
         "independent evidence about a parameter. Only where one point stands alone, its seeds are counted.</li>"
-        "<li>Shares have Wilson's interval with as many independent runs as the variance between points comes to; "
-        "means have Student's t over points. The other parameters vary as the sweep varies them.</li>"
+        "<li>Shares over drawn points have the exact interval (Clopper and Pearson) of as many as there are points; of "
+        "a grid Wilson's, of as many independent runs as the variance between its points comes to; means have "
+        "Student's t over points. The other parameters vary as the sweep varies them.</li>"
         "<li>A requirement is given at its safe end: the farthest value up to (or from) which the share of good runs "
         "is shown to be {} or more, that is the lower end of its interval. In fewer than "
         "5 % of sweeps the true share is less. <i>Estimate</i> is where the share itself is that high, <i>possible</i> "
@@ -212,8 +213,10 @@ def _reading(found: SweepReport) -> Markup:
         "for worse ones near the bound: therefore the share at the bound alone. Bounds are values that were swept, "
         "never between two of them. Of a grid, each run counts, as its points are all that is asked about.</li>"
         "<li>Boundaries on the maps are interpolated between the values swept. Drawn points are smoothed by a Gaussian "
-        "kernel, whose width is that by which points are best predicted from the others. Where a bound is not drawn, "
-        "there are too few seeds or points to show so high a share.</li>"
+        "kernel, whose width is that by which points are best predicted from the others: intervals there are "
+        "of the <b>smoothed share</b>, what the true one is on average over the kernel. Beside a sharp boundary, and "
+        "at the edges of the ranges, the share at the place itself may lie far outside them. Where a bound is not "
+        "drawn, there are too few seeds or points to show so high a share.</li>"
         "<li>Sensitivity: <b>first order</b> is what a parameter does alone, <b>total</b> includes what it does "
         "together with others; <b>seeds</b> is chance. On a full grid the variance is decomposed exactly, with "
         "intervals over seeds (jackknife); of drawn points, polynomials are fitted (chaos expansion), and Q² is what "

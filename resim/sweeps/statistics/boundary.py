@@ -57,7 +57,9 @@ class Crossing:
 def grid_map(y: Floats, a: Levels, b: Levels) -> ShareMap:
     """Give the map on the levels of two parameters; y (K, S): 1 where a run passes, by point and seed."""
     shape = len(b), len(a)
-    found = shares(y, np.where((a.of >= 0) & (b.of >= 0), b.of * len(a) + a.of, -1), len(a) * len(b))
+    found = shares(
+        y, np.where((a.of >= 0) & (b.of >= 0), b.of * len(a) + a.of, -1), len(a) * len(b), drawn=False
+    )
     share, low, high = (part.reshape(shape) for part in (found.mean, found.low, found.high))
     return ShareMap(a.centre, b.centre, share, low, high)
 
@@ -67,7 +69,8 @@ def smooth_map(y: Floats, u: Floats, a: Floats, b: Floats, at: tuple[Floats, Flo
 
     y (K, S): 1 where a run passes; u (K, 2): the points as shares of the parameters' distributions; a (A,), b (B,): the
     mesh likewise; at: the values there. The width is that by which points are best told from the others, or more where
-    too few would be near; the interval is Wilson's, with as many points as the kernel's weights come to (Kish 1965).
+    too few would be near; the interval is Wilson's, with as many points as the kernel's weights come to (Kish 1965). It
+    is of the smoothed share, the mean of the true one over the kernel: it leaves out what smoothing changes.
     """
     known = np.isfinite(y).any(axis=1)
     passed, u = np.nanmean(y[known], axis=1), u[known]

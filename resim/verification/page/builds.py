@@ -25,7 +25,7 @@ from resim.verification.page.cells import (
 )
 from resim.verification.page.drive import command, drive_link, folded, reason, report_links
 from resim.verification.page.speeds import builds_figure
-from resim.verification.paired import Difference, RunPair
+from resim.verification.paired import DIFFERENT, RECORDINGS, Difference, RunPair
 from resim.verification.report import ComparisonSummary, RecordingResult, VerificationReport
 from resim.verification.summary import namesakes
 
@@ -99,7 +99,12 @@ def _means(told: ComparisonSummary) -> Markup:
     """Mean differences of risk and comfort over the recordings, with their intervals."""
     rows = [_mean("largest risk", "", told.risk, 4)]
     rows += [_mean(f"largest {name}", UNITS.get(name, ""), d, 3) for name, d in told.comfort.items()]
-    note = "Change (new - old); a recording counts with the mean of its seeds, the interval is a bootstrap over these."
+    note = (
+        "Change (new - old); a recording counts with the mean of its seeds, the interval is Student's over these, "
+        f"widened for skew. It is not shown of fewer than {RECORDINGS} recordings, or where fewer than {DIFFERENT} "
+        "differ from what most of them give. What happens in so few recordings that none here shows it is in no "
+        "interval."
+    )
     head = ["", "mean difference", "95 % interval", "recordings"]
     return html("<h2>Risk and comfort</h2><p>{}</p>{}", note, rows_table(head, rows, "limits"))
 
@@ -107,7 +112,7 @@ def _means(told: ComparisonSummary) -> Markup:
 def _mean(name: str, unit: str, d: Difference | None, digits: int) -> Markup:
     if d is None:
         return row([name, NONE, NONE, "0"])
-    between = NONE
+    between: str = "not shown"
     if d.low is not None and d.high is not None:
         between = f"{signed(d.low, digits)} to {signed(d.high, digits)} {unit}"
     return row([name, f"{signed(d.mean, digits)} {unit}", between, str(d.of)])
