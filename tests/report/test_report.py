@@ -228,8 +228,6 @@ def test_a_perception_model_stands_beside_the_runs_without(cut_in: Resimulation,
     off = sorted(s.end_position_error for s in seeds)
     assert f"median <b>{off[1]:.2f} m</b> ({off[0]:.2f} to {off[2]:.2f})" in table
     assert f"{cut_in.report.end_position_error['rGT']:.2f} m" in table
-    told = re.search(r"([\d.]+) at the end", source)
-    assert float(told[1]) == pytest.approx(off[1], abs=0.015)  # of the splines, at the last time of GT
     slower = {name: dataclasses.replace(drive, time=9.87654) for name, drive in result.drives.items()}
     assert html(dataclasses.replace(result, drives=slower), tmp_path) == source
 
