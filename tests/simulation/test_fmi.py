@@ -90,8 +90,10 @@ class Follow:
 """
 
 
-def unit(folder: Path, version: int = 2, description: str = "", binary: bytes = b"") -> Path:
-    """A build of the unit of FMI 2 or 3; binary: in place of compiling it."""
+def unit(
+    folder: Path, version: int = 2, description: str = "", binary: bytes = b"", change: tuple[str, str] = ("", "")
+) -> Path:  # fmt: skip
+    """A build of the unit of FMI 2 or 3; binary: in place of compiling it; change: of its source, old and new."""
     folder.mkdir(exist_ok=True)
     library = folder / "follow.so"
     if binary:
@@ -103,8 +105,10 @@ def unit(folder: Path, version: int = 2, description: str = "", binary: bytes = 
         others.write_text(
             "".join(f"__attribute__((weak)) int {name}(void) {{ return 3; }}\n" for name in names)
         )
+        source = folder / "follow.c"
+        source.write_text((HERE / f"fmi{version}_follow.c").read_text(encoding="utf-8").replace(*change))
         flags = ["-O1", "-ffp-contract=off", "-shared", "-fPIC", "-I", HEADERS]
-        subprocess.run(["cc", *flags, HERE / f"fmi{version}_follow.c", others, "-o", library], check=True)
+        subprocess.run(["cc", *flags, source, others, "-o", library], check=True)
     place = {2: "linux64", 3: "x86_64-linux"}[version]
     with zipfile.ZipFile(folder / "follow.fmu", "w") as packed:
         packed.writestr("modelDescription.xml", description or {2: FMI2, 3: FMI3}[version])
@@ -164,6 +168,32 @@ def test_what_a_unit_does_costs_its_run(unit2: Path, tmp_path: Path, fault: int,
     done = run(build(unit2.parent, "time_limit = 0.5", f"fault = {fault}"), tmp_path / "out")
     assert (done.returncode, why in done.stderr) == (3, True), done.stderr
     assert (tmp_path / "out" / "run.json").is_file()
+
+
+STEP = "    double *x = unit->real, a"
+GET = "value[i] = ((Unit *)c)->real[vr[i]];"
+SAYS = "static int k; if (k++ > 9) { *event = *terminate = *early = 0; *last = t + step; "
+UNDONE = [
+    (3, (STEP, SAYS + "*early = 1; *last = t; return 0; }" + STEP), "earlyReturn = true"),
+    (3, (STEP, SAYS + "*last = t; return 0; }" + STEP), "did not do its whole step until 0.44 s"),
+    (3, (STEP, SAYS + "*last = 0.0 / 0.0; return 0; }" + STEP), "lastSuccessfulTime = nan"),
+    (3, (STEP, SAYS + "*event = 1; return 0; }" + STEP), "asked for its event mode"),
+    (3, (STEP, SAYS + "*terminate = 1; return 0; }" + STEP), "asked to terminate the simulation"),
+    (3, (STEP, SAYS + "return -1; }" + STEP), "fmi3DoStep gave the status -1"),
+    (2, (STEP, "static int k; if (k++ > 9) return -1;" + STEP), "fmi2DoStep gave the status -1"),
+    (2, (GET, GET + " static int k; if (k++ > 9) return -2;"), "fmi2GetReal gave the status -2"),
+    (3, (GET, GET + " static int k; if (k++ > 9) return -2;"), "fmi3GetFloat64 gave the status -2"),
+    (3, ("ExitInitializationMode(fmi3Instance c) { return fmi3OK", "ExitInitializationMode(fmi3Instance c) { return -3"),
+     "fmi3ExitInitializationMode gave the status -3"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("version", "change", "why"), UNDONE)
+def test_a_unit_that_did_not_do_its_step_fails_by_name(
+    tmp_path: Path, version: int, change: tuple[str, str], why: str
+) -> None:
+    checks = check_function(unit(tmp_path, version, change=change)).checks
+    assert any(why in check.found for check in checks if not check.holds), checks
 
 
 def test_a_library_that_cannot_be_loaded_costs_the_run(tmp_path: Path) -> None:
