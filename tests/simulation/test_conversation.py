@@ -189,6 +189,23 @@ def differing(found: Conversation) -> dict[str, Conversation]:
     }
 
 
+@pytest.mark.parametrize("named", ["in it", "beside it"])
+def test_a_build_is_not_replaced_by_the_results_of_its_run(
+    recorded: Path, tmp_path: Path, named: str
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(recorded, out)
+    build = out / "recorded.toml"
+    if named == "beside it":
+        text = build.read_text(encoding="utf-8").replace('conversations = "."', 'conversations = "out"')
+        build = tmp_path / "beside.toml"
+        build.write_text(text, encoding="utf-8")
+    before = {file.name: file.read_bytes() for file in out.iterdir()}
+    done = run(build, out)
+    assert (done.returncode, "lies within --out, and would be lost" in done.stderr) == (2, True), done.stderr
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+
+
 @pytest.mark.parametrize("first", [True, False])
 @pytest.mark.parametrize(
     "how", ["failed on closing", "failed between two answers", "died", "answered otherwise"]
