@@ -111,16 +111,39 @@ def refuse_undone(told: tuple[bool, bool, bool, float], end: float, cycle: float
 def lead_of(p: Any, length: float, width: float, reach: float) -> tuple[float, float, bool]:
     """Give gap [m], bumper to bumper, and speed [m/s] of the next object in the EGO's corridor, and whether it exists.
 
-    The corridor is as wide as the EGO, and bent as it drives; an object counts that reaches into it. Without one the
-    gap is `reach`, and the speed the EGO's.
+    The corridor is as wide as the EGO, and bent as it drives; an object counts whose box, as it is turned, reaches into
+    it ahead of the EGO's centre. The gap is to the box's nearest point in the corridor, and 0 or less where the boxes
+    are beside each other. Without one the gap is `reach`, and the speed the EGO's.
     """
     bend = p.ego.yaw_rate / p.ego.v if p.ego.v > _SLOW else 0.0
     found = (reach, p.ego.v, False)
-    for x, y, v, l, w in zip(*(column.tolist() for column in (p.x_ego, p.y_ego, p.v, p.length, p.width))):  # noqa: B905, E741
-        gap = x - 0.5 * (length + l)
-        if x > 0.0 and abs(y - 0.5 * bend * x * x) < 0.5 * (width + w) and gap < found[0]:
-            found = (gap, v, True)
+    columns = (p.x_ego, p.y_ego, p.heading_ego, p.v, p.length, p.width)
+    for x, y, heading, v, *size in zip(*(column.tolist() for column in columns)):  # noqa: B905
+        within = _within(x, y - 0.5 * bend * x * x, heading - bend * x, size, 0.5 * width)
+        if within and max(within) > 0.0 and min(within) - 0.5 * length < found[0]:
+            found = (min(within) - 0.5 * length, v, True)
     return found
+
+
+def _within(x: float, y: float, heading: float, size: Sequence[float], half: float) -> list[float]:
+    """Give x [m] of the corners of the part of a box that is between y = -half and half; [] where there is none.
+
+    x, y: of the box's centre [m]. heading: rad. size: its length and width [m].
+    """
+    if heading == 0.0:
+        return [x - 0.5 * size[0], x + 0.5 * size[0]] if abs(y) < half + 0.5 * size[1] else []
+    c, s, a, b = math.cos(heading), math.sin(heading), 0.5 * size[0], 0.5 * size[1]
+    corners = [
+        (x + i * a * c - j * b * s, y + i * a * s + j * b * c)
+        for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    ]
+    sides = [*zip(corners, (*corners[1:], corners[0]))]  # noqa: B905
+    return [px for px, py in corners if abs(py) < half] + [
+        x0 + (x1 - x0) * (edge - y0) / (y1 - y0)
+        for (x0, y0), (x1, y1) in sides
+        for edge in (-half, half)
+        if (y0 - edge) * (y1 - edge) < 0.0
+    ]
 
 
 class FmuFunction:

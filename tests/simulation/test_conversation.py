@@ -9,12 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import duckdb
+import msgpack
 import pytest
 from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
 from resim.core.errors import InputError, ResimError
+from resim.function import packed
 from resim.jobs.function import check_function
 from resim.simulation.function.conversation import Conversation, Speaker, read_conversation
 from resim.simulation.function.interface import load_build
@@ -269,6 +271,16 @@ def test_what_a_conversation_says_of_who_spoke_has_its_limits(
     file = tmp_path / "x.conversation"
     file.write_bytes(replace(found, speaker=replace(found.speaker, **{field: value})).packed())
     with pytest.raises(InputError, match=f"speaker's {field}: "):
+        read_conversation(file)
+
+
+def test_parameters_have_names_of_text(recorded: Path, tmp_path: Path) -> None:
+    found = read_conversation(recorded / "rGT.conversation")
+    asked, answered = found.exchanges[0]
+    first = packed({**msgpack.unpackb(asked[4:]), "parameters": {b"a": 1, "b": 2}})
+    file = tmp_path / "x.conversation"
+    file.write_bytes(replace(found, exchanges=((first, answered),)).packed())
+    with pytest.raises(InputError, match="has no parameters, each with a text as name"):
         read_conversation(file)
 
 

@@ -196,6 +196,13 @@ def test_a_unit_that_did_not_do_its_step_fails_by_name(
     assert any(why in check.found for check in checks if not check.holds), checks
 
 
+def test_a_unit_that_fails_to_terminate_is_told_by_its_error(tmp_path: Path) -> None:
+    end = "fmi2Terminate(fmi2Component c) { return fmi2"
+    done = run(unit(tmp_path, change=(f"{end}OK", f"{end}Error")), tmp_path / "out")
+    assert done.returncode == 3
+    assert "on closing failed: FMICallException" in done.stderr, done.stderr
+
+
 def test_a_library_that_cannot_be_loaded_costs_the_run(tmp_path: Path) -> None:
     (check,) = check_function(unit(tmp_path, binary=b"no library")).checks
     assert "failed: " in check.found
@@ -332,15 +339,38 @@ def seen(x: list[float], y: list[float], yaw_rate: float = 0.0) -> ObjectList:
             [40.0, 60.0],
             [0.0, 9.0],
             0.1,
-            (56.0, 11.0, True),
-        ),  # the bend of 200 m goes 4 m, and 9 m to the left
+            (55.794, 11.0, True),
+        ),  # the bend of 200 m goes 4 m, and 9 m to the left, where it is turned by 0.3 rad
         ([], [], 0.0, (100.0, 20.0, False)),
     ],
 )
 def test_the_lead_vehicle_is_the_next_in_the_corridor(
     x: list[float], y: list[float], yaw_rate: float, expected: tuple[float, float, bool]
 ) -> None:
-    assert lead_of(seen(x, y, yaw_rate), 4.0, 2.0, 100.0) == expected
+    assert lead_of(seen(x, y, yaw_rate), 4.0, 2.0, 100.0) == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("y", "heading", "expected"),
+    [
+        (5.0, 0.5 * np.pi, (30.0 - 2.35 - 1.25, 0.0, True)),  # its front is 1 m over the EGO's centre line
+        (0.0, 0.5 * np.pi, (30.0 - 2.35 - 1.25, 0.0, True)),
+        (0.0, np.pi, (30.0 - 2.35 - 6.0, 0.0, True)),
+        (7.5, 0.5 * np.pi, (200.0, 20.0, False)),
+        (
+            0.0,
+            0.25 * np.pi,
+            (30.0 - 2.35 - 1.25 * 2.0**0.5 - 0.95, 0.0, True),
+        ),  # by its side, at the corridor's edge
+    ],
+)
+def test_a_lead_vehicle_is_as_it_is_turned(
+    y: float, heading: float, expected: tuple[float, float, bool]
+) -> None:
+    truck = seen([30.0], [y])._replace(
+        heading_ego=np.array([heading]), v=np.zeros(1), length=np.array([12.0]), width=np.array([2.5])
+    )
+    assert lead_of(truck, 4.7, 1.9, 200.0) == pytest.approx(expected, abs=1e-9)
 
 
 def test_objects_are_told_by_how_near_they_are() -> None:

@@ -99,8 +99,10 @@ def read_conversation(path: Path) -> Conversation:
             raise ValueError(f"has {len(rest)} messages, expected questions with an answer each")
         pairs = zip(rest[::2], (answered[4:] for answered in rest[1::2]), strict=True)
         found = Conversation(_SPEAKER.validate_python(said), tuple(pairs), failure, path.name)
-        if not isinstance(found.parameters, dict):
-            raise ValueError("its first message has no parameters")
+        if not isinstance(found.parameters, dict) or not all(
+            isinstance(name, str) for name in found.parameters
+        ):
+            raise ValueError("its first message has no parameters, each with a text as name")
     except ValidationError as e:
         first = e.errors()[0]
         raise InputError(path, f"speaker's {first['loc'][0]}: {first['msg']}", REMEDY) from e
