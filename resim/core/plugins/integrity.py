@@ -191,7 +191,7 @@ def _inside(name: str, value: Any) -> Iterator[_Place]:
         for part, made in zip(_MADE_OF, _made, strict=True):
             made.append(part(value))
     elif isinstance(value, type):
-        own = value.__module__.partition(".")[0] == "resim"
+        own = str(value.__module__).partition(".")[0] == "resim"
         yield _Place(name, value.__dict__, _never if own else _is_number)
         for attribute, inner in [*value.__dict__.items()]:
             function = getattr(inner, "fget", None) or getattr(inner, "func", None)
