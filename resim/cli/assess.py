@@ -88,8 +88,7 @@ def assess(
     from resim.results import ASSESSMENT, check_output, whole_folder
 
     if out is not None:
-        named = (drive, criteria, Path(prediction) if Path(prediction).is_file() else None)
-        check_output(out, ASSESSMENT, [one for one in named if one is not None])
+        check_output(out, ASSESSMENT, [one for one in (drive, criteria, Path(prediction)) if one is not None])
     _refuse_without_effect(drive, accept, road_aware and mode is ModeChoice.published)
     asked = _AssessOptions(
         drive, None if criteria is None else in_child(_frozen, criteria), mode, path, prediction, road_aware, seed,
