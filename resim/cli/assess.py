@@ -83,21 +83,33 @@ def assess(
     Ends with 1 where a criterion fails, or cannot be judged: in what was simulated, of a recording in GT or SD, or in
     what --verdict-of says. Ends with 3 where the function failed.
     """
+    from resim.core.plugins.frozen import files_of
     from resim.execution.workers import in_child
-    from resim.results import ASSESSMENT, check_output, whole_folder
+    from resim.results import ASSESSMENT, whole_folder
 
-    if out is not None:
-        check_output(out, ASSESSMENT)
+    _refuse_to_replace(out, drive, criteria, Path(prediction))
     _refuse_without_effect(drive, accept, road_aware and mode is ModeChoice.published)
     asked = _AssessOptions(
         drive, None if criteria is None else in_child(_frozen, criteria), mode, path, prediction, road_aware, seed,
         tuple(accept or ()), deciding(verdict_of, criteria), out, sys.stdout.isatty(), output_settings(),
     )  # fmt: skip
-    with contextlib.nullcontext() if out is None else whole_folder(out, ASSESSMENT) as folder:
+    with (
+        contextlib.nullcontext()
+        if out is None
+        else whole_folder(out, ASSESSMENT, files_of(asked.criteria)) as folder
+    ):
         done = in_child(_assess, (asked, folder))
     done.tell("assessment", out)
     add_to_json(out=out, assessment=done.document, problem=done.bad)
     done.end()
+
+
+def _refuse_to_replace(out: Path | None, *inputs: Path | None) -> None:
+    """Raise InputError for a folder that must not be replaced, or in which an input lies."""
+    from resim.results import ASSESSMENT, check_output
+
+    if out is not None:
+        check_output(out, ASSESSMENT, [one for one in inputs if one is not None])
 
 
 def _refuse_without_effect(drive: Path, accept: Sequence[str] | None, road_unused: bool) -> None:

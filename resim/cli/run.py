@@ -97,11 +97,13 @@ def run(
     With --criteria it ends with 1 where one fails or cannot be judged: in rGT or rSD, in any seed of --perception,
     or in what --verdict-of says; measured verdicts are reported only. Ends with 3 where the function failed.
     """
+    from resim.core.plugins.frozen import files_of
     from resim.execution.workers import in_child
     from resim.results import check_output, whole_folder
     from resim.simulation.reactive.settings import traffic_of
 
-    check_output(out)
+    named = (recording, build, criteria, perception)
+    check_output(out, inputs=[one for one in named if one is not None])
     moves = traffic_of(traffic)
     if seeds is not None and perception is None:
         raise InputError("--seeds", f"{seeds} without a model has no effect", "Name one with --perception.")
@@ -111,7 +113,7 @@ def run(
         sys.stdout.isatty(), output_settings(),
     )  # fmt: skip
     files = in_child(_frozen, asked)
-    with whole_folder(out) as folder, _terminal_restored():
+    with whole_folder(out, inputs=files_of(*files)) as folder, _terminal_restored():
         done = in_child(_resimulate, (asked, files, folder))
         add_to_json(report=folder / "report.json", assessment=folder / "assessment.json")
     done.tell("report", out)
@@ -184,6 +186,7 @@ def _resimulate(task: tuple[_RunOptions, _Files, Path]) -> ChildReport:
     from resim.cli.verdicts import captured
     from resim.jobs.given import the_build, the_criteria, the_recording
     from resim.jobs.resimulate import resimulate, stages
+    from resim.results import check_output
     from resim.simulation.function.program import refuse_unrecordable
 
     a, files, folder = task
@@ -192,6 +195,7 @@ def _resimulate(task: tuple[_RunOptions, _Files, Path]) -> ChildReport:
     if a.record:
         refuse_unrecordable(build.path, build.program)
     measured = the_recording(a.recording, a.accept)
+    check_output(a.out, inputs=(measured.map,))
     if a.basis is BasisChoice.sd and measured.sd is None:
         raise ResimError(
             f"{a.recording}: has no sensor data (sd.csv or sd.parquet), so --basis sd has nothing to run"

@@ -21,6 +21,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from resim.core.spec import to_json
+from resim.exports.mcap_checksums import add_checksums
 from resim.exports.states import (
     SECOND,
     ExportedState,
@@ -67,6 +68,8 @@ def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:
                 known[one.topic] = writer.add_connection(one.topic, one.kind, typestore=ros)
             message = _made(one.kind, one.fields)
             writer.write(known[one.topic], one.t, ros.serialize_cdr(message, one.kind))
+    for file in (folder / BAG).glob("*.mcap"):
+        add_checksums(file)
     (folder / MAPPING).write_text(mapping(drive), encoding="utf-8")
     return dict.fromkeys((layer.name for layer in drive.layers), BAG)
 

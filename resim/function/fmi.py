@@ -22,6 +22,8 @@ SIGNALS = {
 """What a unit may get, with its unit."""
 OF_OBJECT = {"x": "m", "y": "m", "heading": "rad", "v": "m/s", "length": "m", "width": "m", "exists": ""}
 """What it may get of the object that is nearest but k, as `object[k].x`."""
+_ALIKE = 1e-6
+"""Part of a step by which the time that a unit says it reached may miss the step's end."""
 _SLOW = 1.0
 """m/s up to which the EGO's corridor is straight."""
 
@@ -72,19 +74,76 @@ class BinaryVariable:
         return ctypes.string_at(address, size) if address and size > 0 else b""
 
 
+def refuse_illegal_statuses(unit: Any) -> None:
+    """Make every call of a unit of FMPy raise RuntimeError for a status that FMI does not know.
+
+    FMPy raises for those above fmi2Warning alone, and would take what is below 0 for good.
+    """
+    call = unit._call
+
+    def checked(name: str, *given: Any) -> Any:
+        told = call(name, *given)
+        if unit._functions[name].restype is ctypes.c_int and told < 0:
+            raise RuntimeError(f"{name} gave the status {told}, which FMI does not know")
+        return told
+
+    unit._call = checked
+
+
+def refuse_undone(told: tuple[bool, bool, bool, float], end: float, cycle: float) -> None:
+    """Raise RuntimeError where a unit of FMI 3 says that it did not do its step of `cycle` [s] until `end` [s].
+
+    told: eventHandlingNeeded, terminateSimulation, earlyReturn, lastSuccessfulTime [s]. resim allows neither events nor
+    early returns when it instantiates the unit (FMI 3.0, 4.2.1), so the unit may not ask for them.
+    """
+    event, terminate, early, last = told
+    if terminate:
+        raise RuntimeError("the unit asked to terminate the simulation")
+    if early or not abs(last - end) <= _ALIKE * cycle:
+        which = f"earlyReturn = {str(bool(early)).lower()}, lastSuccessfulTime = {last:g} s"
+        raise RuntimeError(f"the unit did not do its whole step until {end:g} s: it said {which}")
+    if event:
+        raise RuntimeError(
+            "the unit asked for its event mode (eventHandlingNeeded), which resim does not use"
+        )
+
+
 def lead_of(p: Any, length: float, width: float, reach: float) -> tuple[float, float, bool]:
     """Give gap [m], bumper to bumper, and speed [m/s] of the next object in the EGO's corridor, and whether it exists.
 
-    The corridor is as wide as the EGO, and bent as it drives; an object counts that reaches into it. Without one the
-    gap is `reach`, and the speed the EGO's.
+    The corridor is as wide as the EGO, and bent as it drives; an object counts whose box, as it is turned, reaches into
+    it ahead of the EGO's centre. The gap is to the box's nearest point in the corridor, and 0 or less where the boxes
+    are beside each other. Without one the gap is `reach`, and the speed the EGO's.
     """
     bend = p.ego.yaw_rate / p.ego.v if p.ego.v > _SLOW else 0.0
     found = (reach, p.ego.v, False)
-    for x, y, v, l, w in zip(*(column.tolist() for column in (p.x_ego, p.y_ego, p.v, p.length, p.width))):  # noqa: B905, E741
-        gap = x - 0.5 * (length + l)
-        if x > 0.0 and abs(y - 0.5 * bend * x * x) < 0.5 * (width + w) and gap < found[0]:
-            found = (gap, v, True)
+    columns = (p.x_ego, p.y_ego, p.heading_ego, p.v, p.length, p.width)
+    for x, y, heading, v, *size in zip(*(column.tolist() for column in columns)):  # noqa: B905
+        within = _within(x, y - 0.5 * bend * x * x, heading - bend * x, size, 0.5 * width)
+        if within and max(within) > 0.0 and min(within) - 0.5 * length < found[0]:
+            found = (min(within) - 0.5 * length, v, True)
     return found
+
+
+def _within(x: float, y: float, heading: float, size: Sequence[float], half: float) -> list[float]:
+    """Give x [m] of the corners of the part of a box that is between y = -half and half; [] where there is none.
+
+    x, y: of the box's centre [m]. heading: rad. size: its length and width [m].
+    """
+    if heading == 0.0:
+        return [x - 0.5 * size[0], x + 0.5 * size[0]] if abs(y) < half + 0.5 * size[1] else []
+    c, s, a, b = math.cos(heading), math.sin(heading), 0.5 * size[0], 0.5 * size[1]
+    corners = [
+        (x + i * a * c - j * b * s, y + i * a * s + j * b * c)
+        for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    ]
+    sides = [*zip(corners, (*corners[1:], corners[0]))]  # noqa: B905
+    return [px for px, py in corners if abs(py) < half] + [
+        x0 + (x1 - x0) * (edge - y0) / (y1 - y0)
+        for (x0, y0), (x1, y1) in sides
+        for edge in (-half, half)
+        if (y0 - edge) * (y1 - edge) < 0.0
+    ]
 
 
 class FmuFunction:
@@ -110,6 +169,7 @@ class FmuFunction:
             guid=w.token, modelIdentifier=w.identifier, unzipDirectory=str(Path("unit").absolute()),
             instanceName="function",
         )  # fmt: skip
+        refuse_illegal_statuses(unit)
         unit.instantiate()
         for name, value in self._given.items():
             if name not in w.parameters:
@@ -148,8 +208,8 @@ class FmuFunction:
         self._steps += 1
         if (command := self._binary.get("OSMPTrafficCommandIn")) is not None:
             command.put(b"")  # given once
-        if told is not None and told[1]:
-            raise RuntimeError("the unit asked to terminate the simulation")
+        if told is not None:  # FMI 3; a unit of FMI 2 says it by its status
+            refuse_undone(told, time + self._cycle, self._cycle)
         if self._binary:
             return Command(*self._osi.answer(self._binary["OSMPTrafficUpdateOut"].get(), p, time))
         values = {name: float(get(references)[0]) for name, (get, references) in self._gets.items()}

@@ -141,6 +141,12 @@ class TrafficParticipant:
         """
         update = TrafficUpdate()
         update.ParseFromString(given)
+        if update.HasField("timestamp"):
+            stamp = update.timestamp.seconds + 1e-9 * update.timestamp.nanos
+            if stamp < time - _AT_ONCE:
+                raise ValueError(
+                    f"timestamp is {stamp:.9g} s, older than this step, which begins at {time:.9g} s"
+                )
         own = [one for one in update.update if one.id.value == HOST]
         if len(own) != 1:
             raise ValueError(f"{len(own)} updates of the host vehicle, whose id is {HOST}; expected one")

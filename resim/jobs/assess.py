@@ -66,7 +66,7 @@ class AssessmentResult:
         Raises:
             InputError: The folder holds something else or cannot be written, or no folder was assessed.
         """
-        with whole_folder(Path(out), ASSESSMENT) as folder:
+        with whole_folder(Path(out), ASSESSMENT, () if self.drive is None else (self.drive,)) as folder:
             self.write_files(folder, Path(out))
 
     def write_files(self, folder: Path, out: Path) -> None:

@@ -49,7 +49,7 @@ def convert(road: str | Path, out: str | Path, *, accept: Collection[str] = ()) 
         ConversionError: The map cannot be converted.
     """
     check_codes(accept)
-    check_output(path_of(out), CONVERSION)
+    check_output(path_of(out), CONVERSION, (path_of(road),))
     found = check_road(path_of(road))
     refuse_flaws(found.network, found.flaws, accept)
     with whole_folder(path_of(out), CONVERSION) as folder:

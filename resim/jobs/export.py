@@ -31,7 +31,7 @@ from resim.report.player import PlayedDrive, of_recording
 from resim.report.player.simulated import broken_off
 from resim.resimulation.run import describe_recording
 from resim.resimulation.written import read_run
-from resim.results import EXPORT, check_output, whole_folder, write_json
+from resim.results import EXPORT, check_output, refuse_within, whole_folder, write_json
 from resim.results.folders import ASSESSMENT, CONVERSION, RUN, SWEEP, VERIFICATION, check_results, locked
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
@@ -94,9 +94,9 @@ def export_openscenario(
     if style not in STYLES:
         raise InputError("--style", f"is {style!r}, expected {' or '.join(STYLES)}")
     refuse_without_openscenario()
-    check_output(folder, EXPORT)
+    check_output(folder, EXPORT, (path,))
     name, network, scenarios, notes = _scenarios(path, accept)
-    with whole_folder(folder, EXPORT) as new:
+    with whole_folder(folder, EXPORT, (network.path,)) as new:
         road = next(iter(scenarios.values())).map
         shutil.copyfile(network.path, new / road)
         sources = {}
@@ -168,9 +168,9 @@ def export_drive(
         raise InputError(
             f"export {form}", f"needs {lost[0]}", f"In resim's own folder: pip install '.[{extras}]'"
         )
-    check_output(folder, EXPORT)
+    check_output(folder, EXPORT, (path,))
     played = _played(path, accept)
-    with whole_folder(folder, EXPORT) as new:
+    with whole_folder(folder, EXPORT, (played.network.path,)) as new:
         road = played.network.path
         sources = importlib.import_module(made.module).write(played, new)
         _copy_map(road, new)
@@ -215,11 +215,8 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
             path, "is no folder of results", "Give what run, assess, map convert, verify or sweep wrote."
         )
     check_results(path, kind)
-    if folder.resolve().is_relative_to(path.resolve()):
-        raise InputError(
-            folder, f"lies within {path}, which is to be packed", "Name a folder elsewhere with --out."
-        )
-    check_output(folder, EXPORT)
+    refuse_within(folder, path, f"lies within {path}, which is to be packed")
+    check_output(folder, EXPORT, (path,))
     told = read_sealed(path / kind.mark, "Make it again.")
     date = datetime.fromtimestamp((path / kind.mark).stat().st_mtime, UTC).isoformat(timespec="seconds")
     with locked(path, "another command", shared=True), whole_folder(folder, EXPORT) as new:

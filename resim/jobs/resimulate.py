@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from resim.core.plugins.frozen import files_of
 from resim.jobs.given import File, refuse_without_sd, the_build, the_criteria, the_perception, the_recording
 from resim.jobs.verdicts import reason_not_passed, verdict_frame
 from resim.metrics.criteria import Criteria
@@ -106,7 +107,10 @@ class ResimulationResult:
         Raises:
             InputError: The folder holds something else, or cannot be written.
         """
-        with whole_folder(Path(out)) as folder:
+        recording, build = self.resimulation.recording, self.resimulation.build
+        inputs = [one for one in (recording.folder, recording.map) if one is not None]
+        inputs += files_of(build.frozen)
+        with whole_folder(Path(out), inputs=inputs) as folder:
             self.write_files(folder, Path(out))
 
     def write_files(self, folder: Path, out: Path) -> None:

@@ -15,6 +15,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import relative
+from resim.core.plugins.frozen import files_of
 from resim.core.spec import read_sealed_json, to_json
 from resim.execution import journal
 from resim.execution.cluster import cluster
@@ -303,6 +304,8 @@ def repeat(folder: str | Path, run: int, out: str | Path, *, vehicle: str | None
     check_output(path_of(out))
     swept = read_swept(path_of(folder))
     task = in_child(_task, (path_of(folder), run, vehicle))
+    files = files_of(task.build, task.criteria, task.perception)
+    check_output(path_of(out), inputs=(path_of(folder), task.folder, *files))
     differ = repeat_task(swept, task)
     return RepeatedRun(differ, tuple(other_versions(swept)), write_traces(task, path_of(out)) or "")
 

@@ -160,7 +160,7 @@ def _request(asked: _RequestInputs) -> VerificationRequest:
 
 def _run(asked: _RequestInputs, workers: int | None, listener: VerificationListener) -> Verification:
     out = asked[-1]
-    check_output(out, VERIFICATION)
+    check_output(out, VERIFICATION, [one for one in asked[:3] if one is not None])
     wanted = in_child(_request, asked)
     with locked(out, "resim verify"):
         begin(out, wanted)

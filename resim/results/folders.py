@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import get_args
@@ -57,9 +57,11 @@ SWEEP = FolderKind(
 )
 
 
-def check_output(folder: Path, kind: FolderKind = RUN) -> None:
-    """Refuse, before any work is done, a folder that must not be replaced."""
+def check_output(folder: Path, kind: FolderKind = RUN, inputs: Iterable[Path] = ()) -> None:
+    """Refuse, before any work is done, a folder that must not be replaced, or that any of the inputs lies in."""
     remedy = "Name another with --out."
+    for one in inputs:
+        refuse_within(one, folder, "lies within --out, and would be lost: it is an input of this command")
     try:
         if folder.exists() and not folder.is_dir():  # a file, or a device, which no rename may take away
             raise InputError(folder, "is no folder, expected one for the results", remedy)
@@ -76,6 +78,12 @@ def check_output(folder: Path, kind: FolderKind = RUN) -> None:
             _check_held(folder, kind, "exists and is not a results folder", remedy, " and would be lost")
     except OSError as e:
         raise InputError(folder, f"cannot be used: {e.strerror}", remedy) from e
+
+
+def refuse_within(inner: Path, outer: Path, problem: str) -> None:
+    """Raise InputError of `inner`, with the problem, where it is `outer` or lies in it, links followed."""
+    if Path(os.path.realpath(inner)).is_relative_to(os.path.realpath(outer)):
+        raise InputError(inner, problem, "Name a folder elsewhere with --out.")
 
 
 def _check_held(folder: Path, kind: FolderKind, none: str, remedy: str, lost: str = "") -> None:
@@ -176,13 +184,15 @@ def explain_os_errors(folder: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def whole_folder(folder: Path, kind: FolderKind = RUN) -> Iterator[Path]:
+def whole_folder(
+    folder: Path, kind: FolderKind = RUN, inputs: Iterable[Path] = ()
+) -> Iterator[Path]:  # fmt: skip
     """Give a folder beside to write into; it takes the place of `folder` if all went well, else it is gone.
 
-    Raises InputError where `folder` must not be replaced; where it got something else in the meantime, the error says
-    where the new results are.
+    Raises InputError where `folder` must not be replaced, or an input lies in it; where it got something else in the
+    meantime, the error says where the new results are.
     """
-    check_output(folder, kind)
+    check_output(folder, kind, inputs)
     folder = Path(os.path.realpath(folder))  # where a link leads
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.new")
     try:

@@ -20,6 +20,7 @@ from resim.core.plugins.watchdog import Watchdog, heard, heard_since
 from resim.core.tracks import Tracks
 from resim.road.driven_route import first_off_routes
 from resim.road.opendrive import RoadNetwork, lend_network
+from resim.simulation.between import pose_between, shares
 from resim.simulation.case import Case, Collision, End, SimulatedDrive
 from resim.simulation.engine import Mirror
 from resim.simulation.followed_height import FollowedHeight
@@ -30,6 +31,8 @@ from resim.simulation.perception import PerceptionBatch, Worlds
 from resim.simulation.reactive.traffic import ReactiveTraffic
 from resim.simulation.traffic import Phase, Stage, staged
 
+Poses = tuple[Floats, Floats, Floats]
+"""x, y [m] and heading [rad]."""
 _BLOCK = 100
 """Steps between two looks for a collision or the road's edge: as arrays, and back to where it was."""
 
@@ -129,6 +132,7 @@ class ClosedLoop:
         self.commands = np.full((*size, 2), np.nan)
         self.z = None if stage.plan.z is None else np.full(size, np.nan)
         self.steps, self.looked = 0, stage.plan.begin
+        self.shares = shares(case.step)
         self.runs = [_Run() for _ in cases]
         self.broken: FunctionError | None = None  # what several runs failed with
         self.said = ""
@@ -269,9 +273,14 @@ class ClosedLoop:
         first, self.looked = self.looked, self.steps
         on = [b for b, run in enumerate(self.runs) if not run.ended]
         if first < self.steps and on:
-            x, y, heading = self.ego[first : self.steps, on, :3].transpose(2, 0, 1)
-            hit = self.overlaps(slice(first, self.steps), on, (x, y, heading))
-            off = ~self.stage.surface.holds(x.ravel(), y.ravel()).reshape(x.shape)
+            steps, plan = slice(first, self.steps), self.plan
+            own = (self.ego[steps, on, 0], self.ego[steps, on, 1], self.ego[steps, on, 2])
+            hit, off = self.touched(
+                steps, on, own, (plan.x[1:, steps], plan.y[1:, steps], plan.heading[1:, steps])
+            )
+            for share in self.shares:
+                inner_hit, inner_off = self.touched(steps, on, *self.between(steps, on, share))
+                hit, off = hit | inner_hit, off | inner_off
             for k, b in enumerate(on):
                 self.look_at(b, first, hit[:, :, k], off[:, k])
         return all(run.ended for run in self.runs)
@@ -296,16 +305,33 @@ class ClosedLoop:
             run.steps = first + stop + 1
             run.shown = (int(self.perception.shown[b]), int(self.perception.outside[b]))
 
-    def overlaps(self, steps: slice, on: list[int], places: Sequence[Floats]) -> Bools:
-        """Say (N, K, R) which traffic objects' boxes overlap the EGOs', for their poses (K, R) at these steps."""
+    def between(self, steps: slice, on: list[int], share: float) -> tuple[Poses, Poses]:
+        """Give the poses of EGOs (K, R) and traffic objects (N, K) at a share of the ways to these steps."""
+        plan, ks = self.plan, np.arange(steps.start, steps.stop)
+        prior = np.maximum(ks - 1, plan.begin)  # what was before the begin is no part of the drive
+        ego = self.ego[:, on][..., :4].transpose(2, 0, 1)
+        others = np.stack([plan.x[1:], plan.y[1:], plan.heading[1:], plan.v[1:]])
+        return (
+            pose_between(ego[:, prior], ego[:, ks], share),
+            pose_between(others[:, :, prior], others[:, :, ks], share),
+        )
+
+    def touched(self, steps: slice, on: list[int], own: Poses, others: Poses) -> tuple[Bools, Bools]:
+        """Say (N, K, R) whom the EGOs touch at their poses (K, R), and (K, R) whether they are off the road."""
+        x, y, _ = own
+        off = ~self.stage.surface.holds(x.ravel(), y.ravel()).reshape(x.shape)
+        return self.overlaps(steps, on, own, others), off
+
+    def overlaps(self, steps: slice, on: list[int], own: Poses, others: Poses) -> Bools:
+        """Say (N, K, R) which traffic objects' boxes overlap the EGOs', for their poses (K, R) and (N, K)."""
         plan, length, width = self.plan, self.length[:, None, None], self.width[:, None, None]
-        x, y, heading = places
-        px, py = plan.x[1:, steps, None], plan.y[1:, steps, None]
+        x, y, heading = own
+        px, py, turned = (part[:, :, None] for part in others)
         reach = 0.5 * (np.hypot(length[1:], width[1:]) + np.hypot(length[0], width[0]))
         hit = np.asarray(np.hypot(px - x, py - y) <= reach)
         if hit.any():
-            others = Boxes(px, py, plan.heading[1:, steps, None], length[1:], width[1:])
-            hit &= boxes_overlap(Boxes(x, y, heading, length[0], width[0]), others)
+            boxes = Boxes(px, py, turned, length[1:], width[1:])
+            hit &= boxes_overlap(Boxes(x, y, heading, length[0], width[0]), boxes)
         if plan.z is not None and self.z is not None:
             hit &= ~over(plan.z[1:, steps, None], self.z[steps, on])
         return hit

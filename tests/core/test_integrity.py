@@ -227,3 +227,16 @@ def test_what_a_module_sets_when_it_is_loaded_holds_while_its_code_runs(own: Cal
         made = make(build)
         assert vars(made)["seen"] == ("1", "raise")
     assert "OWN" not in os.environ
+
+
+def test_a_class_of_others_may_get_numbers_and_nothing_else() -> None:
+    """Messages of protobuf keep the numbers of their enums once they were asked for."""
+    pytest.importorskip("osi3")
+    from resim.function.osmp import _CLASS
+
+    (place,) = integrity._inside("_CLASS", _CLASS)
+    assert not place.changed()
+    place.parts = {**place.parts, "ROLE_NEW": 3}
+    assert not place.changed()
+    place.parts = {**place.parts, "SerializeToString": print}
+    assert place.changed() == ["_CLASS.SerializeToString"]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,10 @@ from resim.recordings.source import recording_of
 from resim.road.opendrive import load
 
 pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
 from exports.drives import MAP, assert_same, recordings
+from mcap.reader import NonSeekingReader
+from mcap.stream_reader import CRCValidationError
 from rosbags.highlevel import AnyReader
 
 from resim.exports import rosbag
@@ -91,3 +96,22 @@ def test_the_same_drive_gives_the_same_bag(tmp_path: Path) -> None:
         export_drive(ROOT / "scenarios" / "rear_end", tmp_path / name, "rosbag")
     for file in ("bag/bag.mcap", "bag/metadata.yaml", "mapping.toml"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
+
+
+def test_a_flipped_bit_is_found(bag: Path) -> None:
+    """By the reader of MCAP, which holds all checksums there are: of chunks, and of the whole data section."""
+    (file,) = bag.rglob("*.mcap")
+    raw = file.read_bytes()
+
+    def count(content: bytes) -> int:
+        return len([*NonSeekingReader(io.BytesIO(content), validate_crcs=True).iter_messages()])
+
+    assert count(raw) > 100
+    assert struct.unpack_from("<I", raw, len(raw) - 12) != (0,)  # the footer's
+    (length,) = struct.unpack_from("<Q", raw, raw.index(b"\x06", 50) + 1)
+    random = np.random.default_rng(0)
+    for at in random.integers(1000, min(length, len(raw) // 2), 20).tolist():
+        changed = bytearray(raw)
+        changed[at] ^= 1 << int(random.integers(8))
+        with pytest.raises(CRCValidationError):
+            count(bytes(changed))

@@ -50,6 +50,16 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
     assert (tmp_path / "deep" / "out" / "a").read_text() == "1"
 
 
+def test_a_folder_in_which_an_input_lies_is_not_replaced(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (tmp_path / "link").symlink_to(out)
+    for one in (out, tmp_path / "link" / "inner" / "build.toml"):
+        with pytest.raises(InputError, match="lies within --out"):
+            check_output(tmp_path / "link", RUN, [one])
+    check_output(out, RUN, [tmp_path, tmp_path / "out.toml"])
+
+
 def mark(folder: Path, text: str) -> None:
     listed = [path.name for path in folder.iterdir()]
     write_json(sealed({"versions": {"resim": text}, "files": listed}), folder / RUN.mark)

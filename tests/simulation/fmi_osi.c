@@ -146,7 +146,7 @@ fmi3Status fmi3SetInt32(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
   plain = values[0]; return fmi3OK;
 }
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 now, fmi3Float64 dt, fmi3Boolean no, fmi3Boolean *event, fmi3Boolean *terminate,
-  fmi3Boolean *early, fmi3Float64 *last) { *event = *terminate = *early = 0; step(now, dt); return fmi3OK; }
+  fmi3Boolean *early, fmi3Float64 *last) { *event = *terminate = *early = 0; *last = now + dt; step(now, dt); return fmi3OK; }
 #else
 static int set[32];
 static void *buffer(int k) { return (void *)((unsigned long)(unsigned)set[k + 1] << 32 | (unsigned)set[k]); }

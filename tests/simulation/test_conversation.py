@@ -9,12 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import duckdb
+import msgpack
 import pytest
 from conftest import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
 from resim.core.errors import InputError, ResimError
+from resim.function import packed
 from resim.jobs.function import check_function
 from resim.simulation.function.conversation import Conversation, Speaker, read_conversation
 from resim.simulation.function.interface import load_build
@@ -169,6 +171,78 @@ def test_recording_python_of_this_environment_is_refused(tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
+def beside(folder: Path, good: Conversation, bad: Conversation, first: bool) -> Path:
+    """A build of two conversations; first: whether the name of the bad one is."""
+    folder.mkdir()
+    for name, one in zip("ab", (bad, good) if first else (good, bad), strict=True):
+        (folder / f"{name}.conversation").write_bytes(one.packed())
+    return folder / "recorded.toml"
+
+
+def differing(found: Conversation) -> dict[str, Conversation]:
+    """What another recording of the same drive may hold."""
+    some, (asked, answered) = found.exchanges[:100], found.exchanges[100]
+    changed = (asked, answered.replace(b"curvature", b"curvaturf"))
+    return {
+        "failed on closing": replace(found, failure="ended its process by SIGSEGV"),
+        "failed between two answers": replace(found, exchanges=some, failure="was killed"),
+        "died": replace(found, exchanges=(*some, (asked, b"")), failure="was killed"),
+        "answered otherwise": replace(found, exchanges=(*some, changed, *found.exchanges[101:])),
+    }
+
+
+@pytest.mark.parametrize("named", ["in it", "beside it"])
+def test_a_build_is_not_replaced_by_the_results_of_its_run(
+    recorded: Path, tmp_path: Path, named: str
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(recorded, out)
+    build = out / "recorded.toml"
+    if named == "beside it":
+        text = build.read_text(encoding="utf-8").replace('conversations = "."', 'conversations = "out"')
+        build = tmp_path / "beside.toml"
+        build.write_text(text, encoding="utf-8")
+    before = {file.name: file.read_bytes() for file in out.iterdir()}
+    done = run(build, out)
+    assert (done.returncode, "lies within --out, and would be lost" in done.stderr) == (2, True), done.stderr
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize(
+    "how", ["failed on closing", "failed between two answers", "died", "answered otherwise"]
+)
+def test_two_recordings_of_a_drive_that_differ_fail_it_whatever_their_names(
+    recorded: Path, tmp_path: Path, how: str, first: bool
+) -> None:
+    good = read_conversation(recorded / "rGT.conversation")
+    build = beside(tmp_path / "both", good, differing(good)[how], first)
+    shutil.copy(recorded / "recorded.toml", build)
+    done = run(build, tmp_path / "out")
+    assert done.returncode == 3, done.stderr
+    why = "answers differ between recordings (not deterministic): a.conversation and b.conversation"
+    assert why in done.stderr, done.stderr
+
+
+def test_a_failure_is_told_of_a_drive_that_goes_on_where_its_recording_failed(
+    recorded: Path, tmp_path: Path
+) -> None:
+    found = differing(read_conversation(recorded / "rGT.conversation"))["failed between two answers"]
+    (tmp_path / "a.conversation").write_bytes(found.packed())
+    shutil.copy(recorded / "recorded.toml", tmp_path)
+    done = run(tmp_path / "recorded.toml", tmp_path / "out")
+    assert (done.returncode, "failed when it was recorded: was killed" in done.stderr) == (3, True), (
+        done.stderr
+    )
+
+
+def test_a_recording_of_a_shorter_drive_beside_costs_nothing(recorded: Path, tmp_path: Path) -> None:
+    found = read_conversation(recorded / "rGT.conversation")
+    build = beside(tmp_path / "both", found, replace(found, exchanges=found.exchanges[:100]), first=True)
+    shutil.copy(recorded / "recorded.toml", build)
+    assert run(build, tmp_path / "out").returncode == 0
+
+
 SPEAKER = Speaker("a", "1", "0" * 64, None, 1.0)
 FIRST = b"\x10\x00\x00\x00\x82\xaaparameters\x80\xa1a\x01"
 
@@ -197,6 +271,16 @@ def test_what_a_conversation_says_of_who_spoke_has_its_limits(
     file = tmp_path / "x.conversation"
     file.write_bytes(replace(found, speaker=replace(found.speaker, **{field: value})).packed())
     with pytest.raises(InputError, match=f"speaker's {field}: "):
+        read_conversation(file)
+
+
+def test_parameters_have_names_of_text(recorded: Path, tmp_path: Path) -> None:
+    found = read_conversation(recorded / "rGT.conversation")
+    asked, answered = found.exchanges[0]
+    first = packed({**msgpack.unpackb(asked[4:]), "parameters": {b"a": 1, "b": 2}})
+    file = tmp_path / "x.conversation"
+    file.write_bytes(replace(found, exchanges=((first, answered),)).packed())
+    with pytest.raises(InputError, match="has no parameters, each with a text as name"):
         read_conversation(file)
 
 

@@ -90,8 +90,10 @@ class Follow:
 """
 
 
-def unit(folder: Path, version: int = 2, description: str = "", binary: bytes = b"") -> Path:
-    """A build of the unit of FMI 2 or 3; binary: in place of compiling it."""
+def unit(
+    folder: Path, version: int = 2, description: str = "", binary: bytes = b"", change: tuple[str, str] = ("", "")
+) -> Path:  # fmt: skip
+    """A build of the unit of FMI 2 or 3; binary: in place of compiling it; change: of its source, old and new."""
     folder.mkdir(exist_ok=True)
     library = folder / "follow.so"
     if binary:
@@ -103,8 +105,10 @@ def unit(folder: Path, version: int = 2, description: str = "", binary: bytes = 
         others.write_text(
             "".join(f"__attribute__((weak)) int {name}(void) {{ return 3; }}\n" for name in names)
         )
+        source = folder / "follow.c"
+        source.write_text((HERE / f"fmi{version}_follow.c").read_text(encoding="utf-8").replace(*change))
         flags = ["-O1", "-ffp-contract=off", "-shared", "-fPIC", "-I", HEADERS]
-        subprocess.run(["cc", *flags, HERE / f"fmi{version}_follow.c", others, "-o", library], check=True)
+        subprocess.run(["cc", *flags, source, others, "-o", library], check=True)
     place = {2: "linux64", 3: "x86_64-linux"}[version]
     with zipfile.ZipFile(folder / "follow.fmu", "w") as packed:
         packed.writestr("modelDescription.xml", description or {2: FMI2, 3: FMI3}[version])
@@ -164,6 +168,39 @@ def test_what_a_unit_does_costs_its_run(unit2: Path, tmp_path: Path, fault: int,
     done = run(build(unit2.parent, "time_limit = 0.5", f"fault = {fault}"), tmp_path / "out")
     assert (done.returncode, why in done.stderr) == (3, True), done.stderr
     assert (tmp_path / "out" / "run.json").is_file()
+
+
+STEP = "    double *x = unit->real, a"
+GET = "value[i] = ((Unit *)c)->real[vr[i]];"
+EXIT = "ExitInitializationMode(fmi3Instance c) { return fmi3OK"
+SAYS = "static int k; if (k++ > 9) { *event = *terminate = *early = 0; *last = t + step; "
+UNDONE = [
+    (3, (STEP, SAYS + "*early = 1; *last = t; return 0; }" + STEP), "earlyReturn = true"),
+    (3, (STEP, SAYS + "*last = t; return 0; }" + STEP), "did not do its whole step until 0.44 s"),
+    (3, (STEP, SAYS + "*last = 0.0 / 0.0; return 0; }" + STEP), "lastSuccessfulTime = nan"),
+    (3, (STEP, SAYS + "*event = 1; return 0; }" + STEP), "asked for its event mode"),
+    (3, (STEP, SAYS + "*terminate = 1; return 0; }" + STEP), "asked to terminate the simulation"),
+    (3, (STEP, SAYS + "return -1; }" + STEP), "fmi3DoStep gave the status -1"),
+    (2, (STEP, "static int k; if (k++ > 9) return -1;" + STEP), "fmi2DoStep gave the status -1"),
+    (2, (GET, GET + " static int k; if (k++ > 9) return -2;"), "fmi2GetReal gave the status -2"),
+    (3, (GET, GET + " static int k; if (k++ > 9) return -2;"), "fmi3GetFloat64 gave the status -2"),
+    (3, (EXIT, EXIT.replace("fmi3OK", "-3")), "fmi3ExitInitializationMode gave the status -3"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("version", "change", "why"), UNDONE)
+def test_a_unit_that_did_not_do_its_step_fails_by_name(
+    tmp_path: Path, version: int, change: tuple[str, str], why: str
+) -> None:
+    checks = check_function(unit(tmp_path, version, change=change)).checks
+    assert any(why in check.found for check in checks if not check.holds), checks
+
+
+def test_a_unit_that_fails_to_terminate_is_told_by_its_error(tmp_path: Path) -> None:
+    end = "fmi2Terminate(fmi2Component c) { return fmi2"
+    done = run(unit(tmp_path, change=(f"{end}OK", f"{end}Error")), tmp_path / "out")
+    assert done.returncode == 3
+    assert "on closing failed: FMICallException" in done.stderr, done.stderr
 
 
 def test_a_library_that_cannot_be_loaded_costs_the_run(tmp_path: Path) -> None:
@@ -302,15 +339,38 @@ def seen(x: list[float], y: list[float], yaw_rate: float = 0.0) -> ObjectList:
             [40.0, 60.0],
             [0.0, 9.0],
             0.1,
-            (56.0, 11.0, True),
-        ),  # the bend of 200 m goes 4 m, and 9 m to the left
+            (55.794, 11.0, True),
+        ),  # the bend of 200 m goes 4 m, and 9 m to the left, where it is turned by 0.3 rad
         ([], [], 0.0, (100.0, 20.0, False)),
     ],
 )
 def test_the_lead_vehicle_is_the_next_in_the_corridor(
     x: list[float], y: list[float], yaw_rate: float, expected: tuple[float, float, bool]
 ) -> None:
-    assert lead_of(seen(x, y, yaw_rate), 4.0, 2.0, 100.0) == expected
+    assert lead_of(seen(x, y, yaw_rate), 4.0, 2.0, 100.0) == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("y", "heading", "expected"),
+    [
+        (5.0, 0.5 * np.pi, (30.0 - 2.35 - 1.25, 0.0, True)),  # its front is 1 m over the EGO's centre line
+        (0.0, 0.5 * np.pi, (30.0 - 2.35 - 1.25, 0.0, True)),
+        (0.0, np.pi, (30.0 - 2.35 - 6.0, 0.0, True)),
+        (7.5, 0.5 * np.pi, (200.0, 20.0, False)),
+        (
+            0.0,
+            0.25 * np.pi,
+            (30.0 - 2.35 - 1.25 * 2.0**0.5 - 0.95, 0.0, True),
+        ),  # by its side, at the corridor's edge
+    ],
+)
+def test_a_lead_vehicle_is_as_it_is_turned(
+    y: float, heading: float, expected: tuple[float, float, bool]
+) -> None:
+    truck = seen([30.0], [y])._replace(
+        heading_ego=np.array([heading]), v=np.zeros(1), length=np.array([12.0]), width=np.array([2.5])
+    )
+    assert lead_of(truck, 4.7, 1.9, 200.0) == pytest.approx(expected, abs=1e-9)
 
 
 def test_objects_are_told_by_how_near_they_are() -> None:

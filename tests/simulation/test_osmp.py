@@ -7,6 +7,7 @@ import re
 import subprocess
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import duckdb
@@ -30,7 +31,7 @@ from osi3.osi_object_pb2 import MovingObject
 from osi3.osi_sensorview_pb2 import SensorView
 from osi3.osi_trafficupdate_pb2 import TrafficUpdate
 
-from resim.function.osmp import TrafficParticipant, within_view
+from resim.function.osmp import HOST, TrafficParticipant, within_view
 
 MESSAGES = (
     ("OSMPSensorViewIn", "input"), ("OSMPTrafficUpdateOut", "output"),
@@ -374,3 +375,19 @@ def test_the_lanes_are_those_of_the_map() -> None:
     merged = SensorView.FromString(within_view(static) + TrafficParticipant(Setup()).view(seen(), 0.0))
     assert len(merged.global_ground_truth.lane) == len(lanes)
     assert len(merged.global_ground_truth.moving_object) == 2
+
+
+@pytest.mark.parametrize("older", [0.0, 0.04, 4.0])
+def test_an_update_of_an_earlier_step_is_refused(older: float) -> None:
+    setup = SimpleNamespace(cycle=0.04, length=4.7, width=1.9)
+    update = TrafficUpdate()
+    update.timestamp.seconds, update.timestamp.nanos = divmod(round((5.0 - older) * 1e9), 10**9)
+    own = update.update.add()
+    own.id.value, own.base.velocity.x, own.base.velocity.y, own.base.orientation.yaw = HOST, 20.0, 0.0, 0.0
+    seen = SimpleNamespace(t=5.0, ego=EgoState(0.0, 0.0, 0.0, 20.0))
+    participant = TrafficParticipant(setup)
+    if not older:
+        assert participant.answer(update.SerializeToString(), seen, 5.0)[0] == 0.0
+    else:
+        with pytest.raises(ValueError, match="older than this step"):
+            participant.answer(update.SerializeToString(), seen, 5.0)

@@ -119,6 +119,16 @@ def load_frozen(frozen: FrozenFile, again: Callable[[Path], FrozenFile] = freeze
     return found
 
 
+def files_of(*frozen: FrozenFile | None) -> list[Path]:
+    """Give where the files lie that were frozen, each with all that belongs to it."""
+    found = []
+    for one in frozen:
+        if one is not None:
+            copy = _read(one.hash)
+            found += [one.path, *(one.path.parent / name for name in sorted(copy.names if copy else ()))]
+    return found
+
+
 def find_copy(beginning: str) -> FrozenCopy | None:
     """Give the copy whose hash begins so; None where there is none."""
     found = next(cache_folder("inputs").glob(f"{beginning}*"), None)

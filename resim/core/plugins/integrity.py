@@ -175,6 +175,11 @@ def _always(part: Any, value: Any) -> bool:
     return True
 
 
+def _is_number(part: Any, value: Any) -> bool:
+    """Messages of protobuf keep the numbers of their enums once they were asked for."""
+    return isinstance(value, int)
+
+
 def _never(part: Any, value: Any) -> bool:
     return False
 
@@ -186,7 +191,8 @@ def _inside(name: str, value: Any) -> Iterator[_Place]:
         for part, made in zip(_MADE_OF, _made, strict=True):
             made.append(part(value))
     elif isinstance(value, type):
-        yield _Place(name, value.__dict__, _never)
+        own = str(value.__module__).partition(".")[0] == "resim"
+        yield _Place(name, value.__dict__, _never if own else _is_number)
         for attribute, inner in [*value.__dict__.items()]:
             function = getattr(inner, "fget", None) or getattr(inner, "func", None)
             function = function or getattr(inner, "__func__", inner)

@@ -45,12 +45,13 @@ class Speaker:
 class Conversation:
     """What one run was asked and answered: messages with their lengths, and answers without, b"" for none.
 
-    failure: why the function failed in it, "" where it did not.
+    failure: why the function failed in it, "" where it did not. file: name of the file that it was read from.
     """
 
     speaker: Speaker
     exchanges: Sequence[Exchange]
     failure: str = ""
+    file: str = ""
 
     def packed(self) -> bytes:
         """Give it as a file holds it."""
@@ -97,9 +98,11 @@ def read_conversation(path: Path) -> Conversation:
         if not rest or len(rest) % 2:
             raise ValueError(f"has {len(rest)} messages, expected questions with an answer each")
         pairs = zip(rest[::2], (answered[4:] for answered in rest[1::2]), strict=True)
-        found = Conversation(_SPEAKER.validate_python(said), tuple(pairs), failure)
-        if not isinstance(found.parameters, dict):
-            raise ValueError("its first message has no parameters")
+        found = Conversation(_SPEAKER.validate_python(said), tuple(pairs), failure, path.name)
+        if not isinstance(found.parameters, dict) or not all(
+            isinstance(name, str) for name in found.parameters
+        ):
+            raise ValueError("its first message has no parameters, each with a text as name")
     except ValidationError as e:
         first = e.errors()[0]
         raise InputError(path, f"speaker's {first['loc'][0]}: {first['msg']}", REMEDY) from e
@@ -144,28 +147,42 @@ class RecordedPartner:
         """Give the answer that was recorded."""
         at, asked = self._at, message if self._at else anywhere(message)
         there = [c for c in self._left if at < len(c.exchanges)]
+        ended = [c for c in self._left if at == len(c.exchanges) and c.failure]
         self._left = tuple(c for c in there if (c.exchanges[at][0] if at else c.first) == asked)
+        _agreed(ended, self._left)
         if not there:
             raise FunctionError("was recorded for a shorter drive: nothing more was asked")
         if not self._left:
             recorded = (c.exchanges[at][0] if at else c.first for c in there)
             raise FunctionError(f"was recorded for another drive: {difference(asked, *recorded)}")
         self._at += 1
-        answers = {c.exchanges[at][1] for c in self._left}
-        if len(answers) > 1:
-            raise FunctionError("was recorded twice with other answers to the same: it is not deterministic")
-        (answer,) = answers
+        first, answer = self._left[0], self._left[0].exchanges[at][1]
+        if other := next((c for c in self._left if c.exchanges[at][1] != answer), None):
+            raise _differ(first, other)
         if not answer:
-            raise FunctionError(f"failed when it was recorded: {self._left[0].failure}")
+            raise FunctionError(f"failed when it was recorded: {first.failure}")
         return answer
 
     def end(self, message: bytes) -> None:
-        """Raise FunctionError where it failed on closing when it was recorded."""
-        if self._left and self._at == len(self._left[0].exchanges) and (failure := self._left[0].failure):
-            raise FunctionError(f"failed when it was recorded: {failure}")
+        """Raise FunctionError where it failed on closing when it was recorded, in all conversations or in one."""
+        ended = [c for c in self._left if self._at == len(c.exchanges)]
+        _agreed([c for c in ended if c.failure], [c for c in ended if not c.failure])
 
     def kill(self) -> None:
         """Nothing is left to do."""
+
+
+def _agreed(failed: Sequence[Conversation], others: Sequence[Conversation]) -> None:
+    """Raise FunctionError where conversations that went the same way `failed` here, whether or not `others` did not."""
+    if failed and others:
+        raise _differ(failed[0], others[0])
+    if failed:
+        raise FunctionError(f"failed when it was recorded: {failed[0].failure}")
+
+
+def _differ(one: Conversation, other: Conversation) -> FunctionError:
+    first, second = sorted((one.file, other.file))
+    return FunctionError(f"answers differ between recordings (not deterministic): {first} and {second}")
 
 
 def difference(message: bytes, *recorded: bytes) -> str:

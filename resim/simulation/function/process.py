@@ -20,6 +20,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+import msgpack
+
 from resim.core.errors import FunctionError
 from resim.core.plugins.unlisted_files import unheard
 from resim.function import LONGEST
@@ -111,7 +113,7 @@ class ChildProcess:
                 raise FunctionError(f"ended its process {_ending(code)}")
             assert process.stdout is not None
             if _has_more(process.stdout.fileno()):
-                raise FunctionError("wrote more than one answer to a message")
+                raise FunctionError(_told_last(process.stdout.fileno()))
         finally:
             self.kill()
 
@@ -156,6 +158,18 @@ def _has_more(stream: int) -> bool:
     count = array("i", [0])
     fcntl.ioctl(stream, termios.FIONREAD, count)
     return count[0] > 0
+
+
+def _told_last(stream: int) -> str:
+    """What a process that has ended said after `close`: its error, or that it wrote what nobody asked for.
+
+    Only what is there is read: a child of the process may hold the stream open.
+    """
+    with suppress(ValueError, msgpack.UnpackException):
+        told = msgpack.unpackb(os.read(stream, 1 << 16)[4:])
+        if isinstance(told, dict) and isinstance(told.get("error"), str):
+            return f"failed: {told['error']:.300}"
+    return "wrote more than one answer to a message"
 
 
 def _send(to: int, message: bytes) -> None:

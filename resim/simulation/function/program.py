@@ -192,7 +192,7 @@ def recorded_program(
     """
     folder = copy.folder / posixpath.normpath(recorded.conversations)
     found = tuple(read_conversation(file) for file in sorted(folder.glob(f"*{SUFFIX}")))
-    speakers = {(repr(one.speaker), repr(sorted(one.parameters.items()))) for one in found}
+    speakers = {(repr(one.speaker), repr(sorted(one.parameters.items(), key=repr))) for one in found}
     if len(speakers) > 1:
         problem = f"recorded: the {len(found)} conversations are of {len(speakers)} builds"
         raise InputError(path, problem, "Give each build a folder of its own.")
