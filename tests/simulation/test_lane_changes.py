@@ -23,8 +23,11 @@ from resim.scenario.scenario import RoadPosition, Scenario, ScenarioObject
 from resim.simulation.case import Case, SimulatedDrive
 from resim.simulation.direct import Direct
 from resim.simulation.function.interface import Build, load_build
+from resim.simulation.reactive.drivers import TrafficDriver
 from resim.simulation.reactive.lanes import Side, neighbour
+from resim.simulation.reactive.mobil import Body, InLane, Nearest, gets_by, in_lane, moved_in, moved_out
 from resim.simulation.reactive.settings import LaneChangeSettings, ReactiveSettings
+from resim.simulation.reactive.ways import Boxed
 from resim.simulation.sumo.engine import Sumo
 
 Make = Callable[..., Any]
@@ -313,3 +316,42 @@ def test_lanes_end_at_junctions(name: str) -> None:
                 looked += sum(one is not None for one in found)
                 assert all(one is None or one.left < 2000.0 for one in found)
     assert looked or name == "highway_exit.xodr"
+
+
+DRIVER = TrafficDriver(30.0, 1.2, 2.0, 1.4, 2.0, 0.4)
+
+
+def test_who_is_next_in_a_lane() -> None:
+    """Of five: ahead, farther ahead, behind, in another lane, and one that will come into the lane."""
+    n = 5
+    length, width, zeros = np.full(n, LENGTH), np.full(n, WIDTH), np.zeros(n)
+    others = Boxed(zeros + 0j, zeros, np.arange(10.0, 15.0), length, width, zeros)
+    s = np.array([30.0, 60.0, -20.0, -8.0, 12.0])
+    low, high = np.array([0.0, 0.0, 0.0, 3.5, 0.5]), np.array([0.0, 0.0, 0.0, 3.5, 3.5])
+    own, nobody = Body(20.0, LENGTH, WIDTH), np.zeros(n, dtype=bool)
+    found = in_lane(s, (low, high), others, own, nobody)
+    assert (found.ahead.row, found.behind.row) == (4, 2)
+    assert (found.ahead.gap, found.behind.gap) == pytest.approx((12.0 - LENGTH, 20.0 - LENGTH))
+    assert found.behind.v == 12.0
+    over = np.array([False, False, True, False, True])  # on a bridge
+    assert in_lane(s, (low, high), others, own, over).ahead.row == 0
+    assert in_lane(s, (low, high), others, own, over).behind.row == -1
+
+
+def test_what_a_change_costs_the_one_behind_is_the_models_equation() -> None:
+    def idm(v: float, gap: float, lead: float) -> float:
+        keep = 2.0 + max(0.0, v * 1.2 + v * (v - lead) / (2.0 * math.sqrt(1.4 * 2.0)))
+        return 1.4 * (1.0 - (v / 30.0) ** 4 - (keep / gap) ** 2)
+
+    own, behind, ahead = Body(20.0, LENGTH, WIDTH), Nearest(0, 50.0, 25.0), Nearest(1, 60.0, 24.0)
+    before, after = moved_in(behind, own, InLane(ahead, behind), 2.0, DRIVER, 8.0)
+    assert before == pytest.approx(idm(25.0, 50.0 + LENGTH + 60.0, 24.0))
+    assert after == pytest.approx(idm(25.0, 50.0 - 2.0 * 5.0, 20.0))  # nearer, until it is there
+    freed = moved_out(behind, own, InLane(ahead, behind), DRIVER, 8.0)
+    assert freed == pytest.approx(before - max(idm(25.0, 50.0, 20.0), -8.0))
+
+
+@pytest.mark.parametrize(("v", "brakes", "gets"), [(18.0, 0.0, True), (10.0, 0.0, False), (18.0, 8.0, False)])
+def test_who_gets_by_is_beside_before_it_is_too_near(v: float, brakes: float, gets: bool) -> None:
+    """30 m until it is aside, at 20 m/s: 1.5 s, in which one 12 m ahead goes 27 m at 18 m/s, less if he brakes."""
+    assert gets_by(30.0, 20.0, Nearest(0, 12.0, v), brakes) is gets

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
 from resim.simulation.reactive.ways import Line, Way
@@ -14,10 +15,22 @@ _CHORD = 5.0
 class Aside(Line):
     """A line so far [m] to the left of the way's grid at each of its points: offset (P,).
 
-    returns: whether it is the way itself, once the change is over.
+    returns: whether it is the way itself, once the change is over. begin: offset [m] where the change begins.
     """
 
     returns: bool = False
+    begin: float = 0.0
+
+    def clear_at(self, s: float, position: NDArray[np.complex128], aside: float) -> float:
+        """Give s [m], not before the one given, from where on it is `aside` [m] beside positions (M,), or infinity.
+
+        On the side to which it goes.
+        """
+        ahead, left = self.places(s, position)
+        towards = 1.0 if self.offset[np.searchsorted(self.s, self.done)] > self.begin else -1.0
+        there = float(np.max(towards * (np.interp(s + ahead, self.s, self.offset) + left)))
+        clear = (towards * self.offset - there >= aside) & (self.s >= s)
+        return float(self.s[int(clear.argmax())]) if clear.any() else np.inf
 
     def __init__(self, way: Way, offset: Floats, done: float, until: float) -> None:
         """Args are stations [m]: done, where the change is over; until, where the lane ends."""
@@ -40,14 +53,8 @@ def leaving(way: Way, line: Line, station: float, length: float, target: Floats,
     """
     share = _over(np.clip((way.grid.s - station) / length, 0.0, 1.0))
     out = Aside(way, offset_of(way, line) * (1.0 - share) + target * share, station + length, until)
-    out.returns = not target.any()
+    out.returns, out.begin = not target.any(), float(np.interp(station, way.grid.s, out.offset))
     return out
-
-
-def when_over(share: float) -> float:
-    """Give at which share of the length such a line is a share of the way over, both in [0, 1]."""
-    p = np.linspace(0.0, 1.0, 101)
-    return float(np.interp(share, _over(p), p))
 
 
 def offset_of(way: Way, line: Line) -> Floats:

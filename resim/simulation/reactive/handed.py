@@ -15,8 +15,8 @@ from resim.simulation.reactive.ways import Line
 class Handed:
     """One object that a driver drives: s [m] on its line, v and what it does now [m/s²], and what it wants later.
 
-    look: when [s] its driver looks for another lane next. behind: when [s] how far [m] it was behind its trace, and
-    what it did [m/s²].
+    passes: row of the stage of whom its change of lanes gets it by, -1 for nobody. look: when [s] its driver looks for
+    another lane next. behind: when [s] how far [m] it was behind its trace, and what it did [m/s²].
     """
 
     since: float
@@ -28,6 +28,7 @@ class Handed:
     later: deque[float]
     look: float
     back: float | None = None
+    passes: int = -1
     behind: list[tuple[float, float, float]] = field(default_factory=list)
     changes: list[LaneChange] = field(default_factory=list)
 

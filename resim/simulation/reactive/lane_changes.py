@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from resim.core.geometry import Floats
 from resim.road.opendrive import RoadNetwork
 from resim.simulation.guide import Guide
-from resim.simulation.reactive.aside import Aside, leaving, when_over
+from resim.simulation.reactive.aside import Aside, leaving
 from resim.simulation.reactive.drivers import wanted
 from resim.simulation.reactive.handed import Handed
 from resim.simulation.reactive.lanes import Neighbour, Side, neighbour
-from resim.simulation.reactive.mobil import Nearest, moved_in, moved_out, wants
+from resim.simulation.reactive.mobil import MARGIN, Nearest, gets_by, moved_in, moved_out, wants
 from resim.simulation.reactive.people import way_of
 from resim.simulation.reactive.settings import ReactiveSettings
 from resim.simulation.reactive.sight import Looking, Places, Sight
@@ -36,8 +36,6 @@ _LENGTHS, _SHORTEST = 2.4, 10.0
 """Own lengths, and m, within which nobody changes lanes, however slow."""
 _LONGEST = 1000.0
 """m of a lane that are looked at."""
-_BRAKES, _ROOM = 1.0, 1.0
-"""m/s² by which who is ahead may brake while somebody gets by, if not harder now, and m that are left then."""
 _TRIED = 3
 """Durations that are tried, from the usual to the shortest one."""
 
@@ -80,8 +78,11 @@ class LaneChanges:
         one.look = float(self.plan.t[k]) + self.how.every
         return self.stage.members[row].kind not in NEVER
 
-    def chosen(self, me: Looking) -> tuple[Side, Aside] | None:
-        """Give the side to which somebody goes and the line that it takes; None where it stays in its lane."""
+    def chosen(self, me: Looking) -> tuple[Side, Aside, int] | None:
+        """Give the side to which somebody goes, the line that it takes, and the row of the stage of whom it gets by.
+
+        None where it stays in its lane. The row is -1 for nobody.
+        """
         one, how = me.one, self.how
         if not one.aside:
             free = min(float(wanted(me.driver, one.v, np.array([np.inf]), np.zeros(1))[0]), me.cap)
@@ -98,7 +99,9 @@ class LaneChanges:
             found = self._weighed(me, target, lane.ahead, freed)
             if found is not None and (best is None or found[0] > best[0]):
                 best = found[0], target.side, found[1]
-        return None if best is None else best[1:]
+        if best is None:
+            return None
+        return best[1], best[2], me.rows[lane.ahead.row] if lane.ahead.row >= 0 else -1
 
     def _targets(self, me: Looking) -> Iterator[Target]:
         """Where it may go to: from its way to the lanes beside it, from there back."""
@@ -148,7 +151,8 @@ class LaneChanges:
                 continue
             line = leaving(way, one.line, station, length, target.offset, target.until)
             would = self._would(me, line, lane.ahead, slow)
-            before, after = moved_in(lane.behind, me.body, lane, 0.5 * duration, behind, self.hardest)
+            slower = me.body._replace(v=max(v + 0.5 * duration * min(would, 0.0), 0.0))
+            before, after = moved_in(lane.behind, slower, lane, 0.5 * duration, behind, self.hardest)
             gain = would - me.want + how.politeness * (after - before + freed)
             if min(would, after) >= -how.safe and gain > least:
                 return gain, line
@@ -161,25 +165,17 @@ class LaneChanges:
         """
         s, v = line.s_at(me.one.station), me.body.v
         found = line.others(s, me.others)
-        if slow.row >= 0 and self._gets_by(me, line, slow):
+        if slow.row >= 0 and self.gets_by(me.one, line, me.k, me.rows[slow.row], slow):
             found.gap[slow.row] = math.inf
         end = Nearest(0, line.until - s - 0.5 * me.body.length)
         own = [wants(me.driver, v, one, self.hardest) for one in (ahead, end)]
         return float(min(*own, *wanted(me.driver, v, found.gap, found.v).tolist(), me.cap))
 
-    def _gets_by(self, me: Looking, line: Aside, slow: Nearest) -> bool:
-        """Whether it is aside of who is ahead before it is where that one is, even if that one brakes."""
-        station, done = me.one.station, line.station_at(line.done)
-        over_ = np.interp([station, done], line.station, line.offset)
-        need = 0.5 * (me.body.width + float(me.others.width[slow.row]))
-        shift = abs(float(over_[1] - over_[0]))
-        if need >= shift:
-            return False
-        length = when_over(need / shift) * (done - station)
-        time = length / max(me.body.v, 0.1)
-        brakes = max(self.sight.braking(me, slow), _BRAKES)
-        braking = min(time, max(slow.v, 0.0) / brakes)
-        return length + _ROOM < slow.gap + max(slow.v, 0.0) * braking - 0.5 * brakes * braking**2
+    def gets_by(self, one: Handed, line: Aside, k: int, row: int, ahead: Nearest) -> bool:
+        """Say whether somebody is aside of who is ahead on a line, of that row, before it is where that one is."""
+        s, aside = line.s_at(one.station), 0.5 * (line.width + float(self.stage.width[row])) + MARGIN
+        length = line.clear_at(s, self.sight.going(k, row), aside) - s
+        return gets_by(length, one.v, ahead, self.sight.braking(k, row))
 
 
 def _offsets(

@@ -15,8 +15,11 @@ from resim.core.geometry import Bools, Floats
 from resim.simulation.reactive.drivers import TrafficDriver, wanted
 from resim.simulation.reactive.ways import Boxed
 
-_MARGIN = 0.3
+MARGIN = 0.3
 """m to the side that are left to who counts as in another lane."""
+
+_BRAKES, _ROOM = 1.0, 1.0
+"""m/s² by which who is ahead may brake at least while somebody gets by, and m that are left then."""
 
 
 class Body(NamedTuple):
@@ -49,7 +52,7 @@ def in_lane(s: Floats, d: tuple[Floats, Floats], others: Boxed, own: Body, hidde
     s: how far (M,) [m] others are ahead. d: between which offsets (M,) [m] from the lane's centre they are, now and
     soon. hidden: who does not count.
     """
-    reach = 0.5 * (own.width + others.width) + _MARGIN
+    reach = 0.5 * (own.width + others.width) + MARGIN
     there = (d[0] < reach) & (d[1] > -reach) & ~hidden
     gap = np.abs(s) - 0.5 * (own.length + others.length)
 
@@ -89,3 +92,13 @@ def moved_out(behind: Nearest, own: Body, lane: InLane, driver: TrafficDriver, h
     whole = behind.gap + own.length + lane.ahead.gap
     after = wants(driver, behind.v, lane.ahead._replace(gap=whole), hardest)
     return after - wants(driver, behind.v, Nearest(0, behind.gap, own.v), hardest)
+
+
+def gets_by(length: float, v: float, ahead: Nearest, brakes: float) -> bool:
+    """Say whether somebody at v [m/s] is aside of who is ahead, after length [m], before it is where that one is.
+
+    brakes: how hard [m/s²] that one brakes now; it is taken to brake by 1 m/s² at least, down to a stop.
+    """
+    time, hard, v_ahead = length / max(v, 0.1), max(brakes, _BRAKES), max(ahead.v, 0.0)
+    braking = min(time, v_ahead / hard)
+    return length + _ROOM < ahead.gap + v_ahead * braking - 0.5 * hard * braking**2

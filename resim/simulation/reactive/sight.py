@@ -94,10 +94,16 @@ class Sight:
         own = None if row == 0 else traffic_driver(self.stage, self.settings, row)
         return own or usual_driver(self.stage, self.settings, row)
 
-    def braking(self, me: Looking, other: Nearest) -> float:
-        """Give how hard [m/s²] one of the others brakes now; 0 where that is not known."""
-        before, now = self.plan.v[me.rows[other.row], [max(me.k - 1, 0), me.k]].tolist()
+    def braking(self, k: int, row: int) -> float:
+        """Give how hard [m/s²] somebody brakes at step k; 0 where that is not known."""
+        before, now = self.plan.v[row, [max(k - 1, 0), k]].tolist()
         return max((before - now) / self.dt, 0.0) if np.isfinite(before) else 0.0
+
+    def going(self, k: int, row: int) -> NDArray[np.complex128]:
+        """Give where somebody is at step k, and where it is soon, x + iy (2,) [m], if it goes on as it does."""
+        p = self.plan
+        along = p.v[row, k] * np.exp(1j * p.heading[row, k]) * np.array([0.0, _AHEAD])
+        return np.asarray(p.x[row, k] + 1j * p.y[row, k] + along)
 
     def tows(self, me: Looking) -> bool:
         """Say whether a trailer was close behind it when measured, which would go straight on."""

@@ -19,10 +19,11 @@ from resim.road.opendrive import RoadNetwork
 from resim.simulation.case import HandedOver, LaneChange
 from resim.simulation.guide import Guide
 from resim.simulation.perception import Worlds
+from resim.simulation.reactive.aside import Aside
 from resim.simulation.reactive.drivers import TrafficDriver, wanted
 from resim.simulation.reactive.handed import Handed
 from resim.simulation.reactive.lane_changes import LaneChanges
-from resim.simulation.reactive.mobil import Body
+from resim.simulation.reactive.mobil import Body, Nearest
 from resim.simulation.reactive.people import boxed, traffic_driver, way_of
 from resim.simulation.reactive.settings import ReactiveSettings
 from resim.simulation.reactive.sight import Looking
@@ -41,6 +42,8 @@ _ASIDE_MOST = 4.0
 """m/s² to the side, beyond which a driver who is later than its trace takes no bend."""
 _SOON = 1.0
 """s within which a driver is as fast as it may be, for the comparison of lanes."""
+_SHARP = 2.0
+"""m of the chords that tell how sharply a change of lanes bends."""
 _TOLD = -99.0
 """m/s², the hardest braking that is told in figures."""
 _CLOSE = 0.2
@@ -198,7 +201,7 @@ class ReactiveTraffic:
         one = self.now[row]
         rows = [m for m in range(len(self.members)) if m != row]
         others = all_.of(rows)
-        want = self._behind(one, others, driver)
+        want = self._behind(one, k, rows, others, driver)
         if self.changes.due(row, k):
             way = way_of(self.stage, row)
             cap = (self._fastest(one, way, driver, way.at_step(k + 1)) - one.v) / _SOON
@@ -206,18 +209,23 @@ class ReactiveTraffic:
             me = Looking(row, one, driver, k, rows, others, min(want, cap), cap, body)
             found = self.changes.chosen(me)
             if found is not None:
-                side, line = found
+                side, line, one.passes = found
                 one.take(line)
                 now = float(self.plan.t[k])
                 one.changes.append(LaneChange(now, side))
-                want = self._behind(one, others, driver)
+                want = self._behind(one, k, rows, others, driver)
         if one.changing:
             one.look = float(self.plan.t[k]) + self.settings.lane_change.pause
         return want
 
-    def _behind(self, one: Handed, others: Boxed, driver: TrafficDriver) -> float:
-        """What a driver wants [m/s²] for who is on the line ahead, and for its end."""
+    def _behind(self, one: Handed, k: int, rows: list[int], others: Boxed, driver: TrafficDriver) -> float:
+        """What a driver wants [m/s²] for who is on the line ahead, if it does not get by, and for the line's end."""
         found = one.line.others(one.s, others)
+        if one.changing and isinstance(one.line, Aside) and one.passes in rows:
+            n = rows.index(one.passes)
+            ahead = Nearest(n, float(found.gap[n]), float(found.v[n]))
+            if self.changes.gets_by(one, one.line, k, one.passes, ahead):
+                found.gap[n] = math.inf
         want = float(np.min(wanted(driver, one.v, found.gap, found.v), initial=driver.acceleration))
         if math.isfinite(one.line.until):
             gap = np.array([one.line.until - one.s - 0.5 * one.line.length])
@@ -233,7 +241,7 @@ class ReactiveTraffic:
         most = float(way.v[at]) + math.sqrt(2.0 * self.settings.hand_over.catch_up * behind)
         for ahead in (0.0, one.v):
             s = one.s + ahead
-            bend = max(abs(one.line.bend(s)), 1e-9)
+            bend = max(abs(one.line.bend(s, _SHARP) if one.changing else one.line.bend(s)), 1e-9)
             slow = (
                 0.0 if one.changing else float(np.interp(one.line.station_at(s), way.s[: way.count], way.v))
             )

@@ -90,18 +90,18 @@ class Line:
         own = off[np.arange(len(at)), at] * self._turn[window][at]
         return self.s[window][at] + own.real - s, own.imag
 
-    def bend(self, s: float) -> float:
-        """Give the curvature [1/m] of the line at s [m], of the chords to places 5 m before and after it.
+    def bend(self, s: float, chord: float = _CHORD) -> float:
+        """Give the curvature [1/m] of the line at s [m], of the chords [m] to places before and after it.
 
         Headings turn on the spot where noise is all that moves who stands, places do not.
         """
-        at = (s - _CHORD, s, s + _CHORD)
+        at = (s - chord, s, s + chord)
         before, here, after = np.interp(at, self.s, self.position.real) + 1j * np.interp(
             at, self.s, self.position.imag
         )
-        if abs(here - before) < 0.5 * _CHORD or abs(after - here) < 0.5 * _CHORD:  # where it begins
+        if abs(here - before) < 0.5 * chord or abs(after - here) < 0.5 * chord:  # where it begins
             return 0.0
-        return float(np.angle((after - here) / (here - before))) / _CHORD
+        return float(np.angle((after - here) / (here - before))) / chord
 
     def columns(self, s: float) -> tuple[float, float, float]:
         """Give x, y [m] and heading [rad] at s [m]."""
