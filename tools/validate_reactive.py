@@ -7,22 +7,25 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from validate_real import BUILDS, NGSIM, candidates
 
 from resim.core.errors import ResimError
-from resim.recordings import Recording, read_commonroad
-from resim.resimulation import ResimulationOptions, resimulate
+from resim.core.geometry import Boxes, boxes_overlap
+from resim.recordings import read_commonroad
+from resim.resimulation import ResimulationOptions
+from resim.resimulation.result import PreparedRecording
 from resim.resimulation.run import prepare
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.direct import Direct
 from resim.simulation.function.interface import Build, load_build
 from resim.simulation.reactive.drivers import Following, driver_of, fitted, followed
-from resim.simulation.reactive.settings import ReactiveSettings
-from resim.simulation.reactive.traffic import followings, way_of
+from resim.simulation.reactive.people import followings, way_of
+from resim.simulation.reactive.settings import LaneChangeSettings, ReactiveSettings
 from resim.simulation.traffic import staged
 
 LEARNED = 0.6
@@ -31,21 +34,19 @@ LONG = 3.0
 """s of the shortest stretch that is driven."""
 
 
-def recordings(data: Path, egos: int) -> Iterator[Recording]:
-    """The NGSIM drives of so many vehicles each."""
+def recordings(data: Path, egos: int) -> Iterator[PreparedRecording]:
+    """The NGSIM drives of so many vehicles each, but for those that are refused."""
     for name in NGSIM:
         xml = data / "ngsim" / f"{name}.xml"
         for ego in candidates(xml, egos):
-            yield read_commonroad(xml, map=xml.with_suffix(".xodr"), ego=ego)
+            with suppress(ResimError):
+                yield prepare(read_commonroad(xml, map=xml.with_suffix(".xodr"), ego=ego), ("GT",))
 
 
-def simulated(recording: Recording, build: Build, traffic: ReactiveSettings | None) -> SimulatedDrive | None:
-    """The drive on ground truth; None for one that is refused."""
+def simulated(recording: PreparedRecording, build: Build, traffic: ReactiveSettings | None) -> SimulatedDrive:
+    """The drive on ground truth."""
     options = ResimulationOptions(bases=("GT",), traffic=traffic, engine=Direct())
-    try:
-        return resimulate(recording, build, options).drives["rGT"]
-    except ResimError:
-        return None
+    return options.case(recording.described["GT"], recording.network, build).drive()
 
 
 def hit_by(drive: SimulatedDrive) -> str:
@@ -59,29 +60,50 @@ def hit_by(drive: SimulatedDrive) -> str:
     return "from behind" if along < -drive.truth.length[0] / 6.0 else "other"
 
 
+def run_into(drive: SimulatedDrive) -> int:
+    """How many pairs of traffic objects overlap at some time."""
+    t = drive.truth
+    boxes = Boxes(t.x[1:], t.y[1:], t.heading[1:], t.length[1:, None], t.width[1:, None])
+    return sum(
+        int(
+            boxes_overlap(Boxes(*(c[n] for c in boxes)), Boxes(*(c[n + 1 :] for c in boxes)))
+            .any(axis=-1)
+            .sum()
+        )
+        for n in range(len(t.x) - 1)
+    )
+
+
 def collisions(data: Path, egos: int) -> None:
-    """Print how many drives collide, and how, on traces and with reactive traffic."""
+    """Print how many drives collide, and how: on traces, with drivers who keep their lanes, and who change them."""
     head = (
-        "build", "drives", "hit from behind, on traces", "with reactive traffic", "other collisions, on traces",
-        "reactive", "drives with handed-over objects", "hand-overs", "farthest behind its trace [m]",
-        "ms a drive, traces", "reactive",
+        "build", "traffic", "drives", "hit from behind", "other collisions", "drives with handed-over objects",
+        "hand-overs", "lane changes", "farthest behind its trace [m]", "over 20 m behind", "braking by over 6 m/s²",
+        "pairs of traffic objects that overlap", "ms a drive",
     )  # fmt: skip
     print("| " + " | ".join(head) + " |")
-    print("|" + "---|" * 11)
+    print("|" + "---|" * len(head))
     every = [*recordings(data, egos)]
+    keeps = ReactiveSettings(lane_change=LaneChangeSettings(possible=False))
+    how = {"traces": None, "keeps its lane": keeps, "changes lanes": ReactiveSettings()}
     for name in ("idm-1.0", "highway_pilot-1.0", "highway_pilot-1.2", "constant_velocity-1.0", "replay-1.0"):
         build = load_build(BUILDS / f"{name}.toml")
-        pairs = [(simulated(r, build, None), simulated(r, build, ReactiveSettings())) for r in every]
-        both = [(one, two) for one, two in pairs if one is not None and two is not None]
-        before, after = (Counter(hit_by(pair[k]) for pair in both) for k in (0, 1))
-        handed = [two.handed_over for _, two in both if two.handed_over]
-        farthest = max((one.farthest for drive in handed for one in drive), default=0.0)
-        times = [1e3 * float(np.mean([pair[k].time for pair in both])) for k in (0, 1)]
-        cells = [
-            len(both), before["from behind"], after["from behind"], before["other"], after["other"], len(handed),
-            sum(map(len, handed)), f"{farthest:.1f}", *(f"{one:.0f}" for one in times),
-        ]  # fmt: skip
-        print(f"| {name} | " + " | ".join(map(str, cells)) + " |")
+        driven = [[simulated(r, build, traffic) for traffic in how.values()] for r in every]
+        for k, traffic in enumerate(how):
+            print(f"| {name} | {traffic} | {cells([drives[k] for drives in driven])} |", flush=True)
+
+
+def cells(drives: Sequence[SimulatedDrive]) -> str:
+    """What is told of drives, after who drove."""
+    how = Counter(map(hit_by, drives))
+    handed = [one for drive in drives for one in drive.handed_over]
+    told = [
+        len(drives), how["from behind"], how["other"], sum(bool(d.handed_over) for d in drives), len(handed),
+        sum(len(one.lane_changes) for one in handed), f"{max((one.farthest for one in handed), default=0.0):.1f}",
+        sum(one.farthest > 20.0 for one in handed), sum(one.hardest > 6.0 for one in handed),
+        sum(map(run_into, drives)), f"{1e3 * float(np.mean([d.time for d in drives])):.0f}",
+    ]  # fmt: skip
+    return " | ".join(map(str, told))
 
 
 def split(stretches: list[Following]) -> tuple[list[Following], list[Following]]:

@@ -81,12 +81,19 @@ def handed_over(found: Sequence[HandedOver]) -> str:
     told = [
         f"{one.id} at {one.t:.2f} s ({one.why}), up to {one.farthest:.1f} m behind its trace, "
         f"braking by up to {one.hardest:.1f} m/s²"
+        + _changes(one)
         + (f", until {one.back:.2f} s" if one.back is not None else "")
         for one in hardest
     ]
     more = f"; and {len(found) - _TOLD} times more, braking no harder" if len(found) > _TOLD else ""
     many = f"{len(ids)} traffic object{'s' if len(ids) != 1 else ''}"
     return f"{many} {HANDED_OVER}, not as measured: {'; '.join(told)}{more}"
+
+
+def _changes(one: HandedOver) -> str:
+    """To which sides it changed lanes, and when."""
+    told = ", ".join(f"to the {change.side} at {change.t:.2f} s" for change in one.lane_changes)
+    return f", changing lanes {told}" if told else ""
 
 
 def perception_notes(perceiving: PerceptionSetup, drives: Sequence[SimulatedDrive]) -> Iterator[str]:

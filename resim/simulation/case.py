@@ -117,6 +117,14 @@ class Collision:
 
 
 @dataclass(frozen=True)
+class LaneChange:
+    """A traffic object's driver begins to change lanes at t [s], to that side."""
+
+    t: float
+    side: Literal["left", "right"]
+
+
+@dataclass(frozen=True)
 class HandedOver:
     """A traffic object that left its trace at t [s].
 
@@ -127,6 +135,7 @@ class HandedOver:
         back: When [s] it was back on its trace, None where it was not.
         farthest: How far [m] it was behind its trace at most.
         hardest: Its hardest braking [m/s²].
+        lane_changes: Where its driver changed lanes, in the order of time.
     """
 
     id: str
@@ -135,6 +144,7 @@ class HandedOver:
     back: float | None
     farthest: float
     hardest: float
+    lane_changes: tuple[LaneChange, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

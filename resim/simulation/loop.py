@@ -123,7 +123,7 @@ class ClosedLoop:
         self.cases, self.case, self.perception = cases, cases[0], perception
         case = self.case
         self.stage = stage = staged(case.scenario, case.network, case.step, case.lead_in)
-        self.reactive = None if case.traffic is None else ReactiveTraffic(stage, case.traffic)
+        self.reactive = None if case.traffic is None else ReactiveTraffic(stage, case.traffic, case.network)
         self.plan = stage.plan if self.reactive is None else self.reactive.plan
         self.members = stage.members
         self.mirror = None if beside is None else beside(stage)

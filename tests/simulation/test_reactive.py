@@ -30,8 +30,14 @@ from resim.simulation.direct import Direct
 from resim.simulation.function.interface import load_build
 from resim.simulation.guide import Guide
 from resim.simulation.reactive.drivers import GRID, Following, TrafficDriver, fitted, followed
-from resim.simulation.reactive.settings import DriverSettings, HandOverSettings, ReactiveSettings, traffic_of
-from resim.simulation.reactive.traffic import followings, traffic_driver
+from resim.simulation.reactive.people import followings, traffic_driver
+from resim.simulation.reactive.settings import (
+    DriverSettings,
+    HandOverSettings,
+    LaneChangeSettings,
+    ReactiveSettings,
+    traffic_of,
+)
 from resim.simulation.reactive.ways import Boxed, Way
 from resim.simulation.sumo.engine import Sumo
 from resim.simulation.traffic import staged
@@ -40,6 +46,7 @@ Drive = Callable[..., SimulatedDrive]
 Make = Callable[..., Any]
 Member = Callable[..., Any]
 REACTIVE = ReactiveSettings()
+FOLLOWS = ReactiveSettings(lane_change=LaneChangeSettings(possible=False))
 NGSIM = ROOT.parent / "shared" / "data" / "ngsim"
 BRAKES = "return Command(-4.0 if perceived.t > 0.5 and perceived.ego.v > 0.1 else 0.0, 0.0)"
 
@@ -59,7 +66,7 @@ def test_a_follower_brakes_for_an_ego_that_brakes_otherwise_than_measured(
     hit = drive(build, *behind(member))
     assert hit.end == "collision"
     assert hit.handed_over == ()
-    reacts = drive(build, *behind(member), traffic=REACTIVE)
+    reacts = drive(build, *behind(member), traffic=FOLLOWS)
     assert reacts.end == "duration"
     assert gaps(reacts).min() > 1.0
     (one,) = reacts.handed_over
@@ -86,7 +93,7 @@ def test_who_has_caught_up_is_back_on_its_trace(drive: Drive, function: Make, me
     body = "return Command(-2.0 if 0.5 < perceived.t < 1.5 else 2.0 if 2.0 < perceived.t < 5.0 else 0.0, 0.0)"
     build = function(body)
     ego, other = member("ego", 300.0, end=26.0), member("f", 283.0, end=26.0)
-    found = drive(build, ego, other, traffic=REACTIVE)
+    found = drive(build, ego, other, traffic=FOLLOWS)
     assert found.end == "duration"
     assert found.handed_over[-1].back is not None
     trace = 283.0 + 20.0 * found.truth.t
@@ -98,7 +105,7 @@ def test_who_has_caught_up_is_back_on_its_trace(drive: Drive, function: Make, me
 def test_the_one_behind_it_brakes_too(drive: Drive, function: Make, member: Member) -> None:
     ego, first = behind(member)
     second = member("g", 300.0 - 2 * 29.7, end=8.0)
-    found = drive(function(BRAKES), ego, first, second, traffic=REACTIVE)
+    found = drive(function(BRAKES), ego, first, second, traffic=FOLLOWS)
     assert [one.id for one in found.handed_over] == ["f", "g"]
     assert (found.truth.x[1] - found.truth.x[2] - 4.7).min() > 0.5
 
@@ -121,7 +128,10 @@ def test_who_stays_on_its_trace(drive: Drive, function: Make, member: Member, ot
 def test_a_driver_drives_as_the_equation_says(drive: Drive, function: Make, member: Member) -> None:
     """Against an integration of Treiber's equation by SciPy, from where it was handed over."""
     own = DriverSettings(time_gap=1.3, standstill=2.5, acceleration=1.1, deceleration=1.7, reaction=0.0)
-    how = ReactiveSettings(car=own, calibrated=False, hand_over=HandOverSettings(hardest=50.0, harder=0.5))
+    how = ReactiveSettings(
+        car=own, calibrated=False, hand_over=HandOverSettings(hardest=50.0, harder=0.5),
+        lane_change=LaneChangeSettings(possible=False),
+    )  # fmt: skip
     found = drive(function(BRAKES), *behind(member), traffic=how, step=0.01)
     t, x, v, ego, ego_v = (
         found.truth.t,

@@ -48,11 +48,42 @@ class HandOverSettings(Strict):
     catch_up: Positive = 0.5
 
 
+class LaneChangeSettings(Strict):
+    """When an object that was handed over changes lanes, by MOBIL (Kesting, Treiber, Helbing 2007), and how.
+
+    Attributes:
+        possible: Whether it changes lanes at all, but where it did when measured.
+        sides: To which sides of its measured way.
+        politeness: What others gain or lose by it [m/s²] counts so many times as much as what it gains itself.
+        threshold: What it has to gain [m/s²].
+        bias: What it has to gain more [m/s²] to leave its measured lane, and less to come back.
+        safe: Braking [m/s²] beyond which neither it nor who is behind it in the other lane has to brake for it.
+        duration: How long [s] a change takes (mean of passenger cars, Toledo and Zohar 2007).
+        shortest: How long [s] it takes at least, where only a shorter one than usual is safe.
+        every: How often [s] its driver looks.
+        pause: How long [s] after a change it stays in its lane.
+        lasting: How long [s] the other lane goes on at its speed after the change, at least.
+    """
+
+    possible: bool = Field(strict=True, default=True)
+    sides: Literal["both", "left", "right"] = "both"
+    politeness: NotNegative = 0.2
+    threshold: Positive = 0.1
+    bias: NotNegative = 0.3
+    safe: Positive = 4.0
+    duration: Positive = 4.6
+    shortest: Positive = 3.0
+    every: Positive = 0.5
+    pause: NotNegative = 3.0
+    lasting: NotNegative = 5.0
+
+
 class ReactiveSettings(Strict):
     """Traffic that reacts. `car` is also for vans, `truck` for buses and trailers, `bicycle` for motorcycles.
 
     Attributes:
         hand_over: When objects are handed over.
+        lane_change: When they change lanes, once handed over.
         calibrated: Whether drivers are fitted to what the object did in the recording.
         car: Driver of a car.
         truck: Driver of a truck.
@@ -60,6 +91,7 @@ class ReactiveSettings(Strict):
     """
 
     hand_over: HandOverSettings = HandOverSettings()
+    lane_change: LaneChangeSettings = LaneChangeSettings()
     calibrated: bool = Field(strict=True, default=True)
     car: DriverSettings = DriverSettings()
     truck: DriverSettings = DriverSettings(time_gap=1.6, acceleration=0.8)

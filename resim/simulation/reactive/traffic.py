@@ -2,27 +2,31 @@
 
 An object is handed over where its driver would brake harder than in the measured drive, and harder than its trace
 does, for the EGO or another object that is not where it was measured. From then on it drives along its measured way,
-behind whoever is on it. It never gets ahead of its trace, and where it has caught up it is back on it. Where all are
-where they were measured, nobody is handed over.
+behind whoever is on it, or around them on the lane beside it (`lane_changes`). It never gets ahead of its trace, and
+where it has caught up on its way it is back on it. Where all are where they were measured, nobody is handed over.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 
 import numpy as np
 
-from resim.core.clock import TICK
 from resim.core.geometry import Floats
-from resim.simulation.case import HandedOver
+from resim.road.opendrive import RoadNetwork
+from resim.simulation.case import HandedOver, LaneChange
 from resim.simulation.guide import Guide
 from resim.simulation.perception import Worlds
-from resim.simulation.reactive.drivers import GRID, Following, TrafficDriver, driver_of, fitted, wanted
+from resim.simulation.reactive.aside import Aside
+from resim.simulation.reactive.drivers import TrafficDriver, wanted
+from resim.simulation.reactive.handed import Handed
+from resim.simulation.reactive.lane_changes import LaneChanges
+from resim.simulation.reactive.mobil import Body, Nearest
+from resim.simulation.reactive.people import boxed, traffic_driver, way_of
 from resim.simulation.reactive.settings import ReactiveSettings
+from resim.simulation.reactive.sight import Looking
 from resim.simulation.reactive.ways import REACH, Boxed, Way
 from resim.simulation.traffic import Phase, Stage
 
@@ -36,25 +40,14 @@ _BACK = 0.05
 """m behind its trace at which an object is back on it, if its driver wants to brake no harder than that."""
 _ASIDE_MOST = 4.0
 """m/s² to the side, beyond which a driver who is later than its trace takes no bend."""
+_SOON = 1.0
+"""s within which a driver is as fast as it may be, for the comparison of lanes."""
+_SHARP = 2.0
+"""m of the chords that tell how sharply a change of lanes bends."""
 _TOLD = -99.0
 """m/s², the hardest braking that is told in figures."""
 _CLOSE = 0.2
 """Share of what its driver would brake by in the measured drive, by which it has to be harder at least."""
-
-
-@dataclass(eq=False)
-class _Handed:
-    """One object that a driver drives: s [m] on its way, v and what it does now [m/s²], and what it wants later."""
-
-    since: float
-    why: str
-    s: float
-    v: float
-    a: float
-    later: deque[float]
-    back: float | None = None
-    behind: list[tuple[float, float, float]] = field(default_factory=list)
-    """When [s] how far [m] it was behind its trace, and what it did [m/s²]."""
 
 
 @dataclass(eq=False)
@@ -63,6 +56,7 @@ class ReactiveTraffic:
 
     stage: Stage
     settings: ReactiveSettings
+    network: RoadNetwork
     plan: Guide = field(init=False)
 
     def __post_init__(self) -> None:
@@ -74,8 +68,9 @@ class ReactiveTraffic:
         self.plan = replace(measured, **changing, z=z)
         self.dt = float(measured.t[1] - measured.t[0])
         self.members = self.stage.members
-        self.now: dict[int, _Handed] = {}
-        self.past: list[tuple[int, _Handed]] = []
+        self.now: dict[int, Handed] = {}
+        self.past: list[tuple[int, Handed]] = []
+        self.changes = LaneChanges(self.stage, self.settings, self.network, self.plan, self.now)
 
     def worlds(self, phase: Phase, k: int, ego: Floats, ego_z: Floats | None) -> Worlds:
         """Give the truth at step k, as `Phase.worlds` does of traffic on its traces."""
@@ -104,7 +99,7 @@ class ReactiveTraffic:
             column[0, k] = value
         if p.z is not None:
             p.z[0, k] = z
-        all_, off = _boxed(self.stage, p, k), [*([0] if moved else []), *self.now]
+        all_, off = boxed(self.stage, p, k), [*([0] if moved else []), *self.now]
         for row in self._near(k, all_, off):
             self._look(row, k, all_, off)
         for row in [*self.now]:
@@ -112,17 +107,11 @@ class ReactiveTraffic:
 
     def ended(self, t: float) -> tuple[HandedOver, ...]:
         """Give who was handed over up to a time [s], in the order of time."""
-        told = []
-        for row, one in [*self.past, *self.now.items()]:
-            if one.since > t:
-                continue
-            until = [part for part in one.behind if part[0] <= t + TICK]
-            farthest = max((part[1] for part in until), default=0.0)
-            hardest = max((-part[2] for part in until), default=0.0)
-            back = one.back if one.back is not None and one.back <= t + TICK else None
-            told.append(
-                HandedOver(self.members[row].id, one.since, one.why, back, farthest, max(hardest, 0.0))
-            )
+        told = [
+            one.told(self.members[row].id, t)
+            for row, one in [*self.past, *self.now.items()]
+            if one.since <= t
+        ]
         return tuple(sorted(told, key=lambda one: (one.t, one.id)))
 
     def _near(self, k: int, all_: Boxed, off: list[int]) -> list[int]:
@@ -145,12 +134,12 @@ class ReactiveTraffic:
             return
         others = [m for m in off if m != row]
         s, v, a = float(way.s[at]), float(way.v[at]), float(way.a[at])
-        found = way.others(s, _of(all_, others))
+        found = way.others(s, all_.of(others))
         if v < _SLOW or not (found.ahead & (found.gap > 0.0)).any():  # too late for a driver to do anything
             return
         want = wanted(driver, v, found.gap, found.v)
         first = int(np.argmin(want))
-        there = way.others(s, _of(_boxed(self.stage, self.measured, k), others))
+        there = way.others(s, boxed(self.stage, self.measured, k).of(others))
         meant = min(float(wanted(driver, v, there.gap, there.v).min()), 0.0)
         least = float(want[first])
         if least >= min(meant, a) - max(self.settings.hand_over.harder, -_CLOSE * meant):
@@ -164,109 +153,97 @@ class ReactiveTraffic:
         who = f"{self.members[others[first]].id} {found.gap[first]:.1f} m ahead at {found.v[first]:.1f} m/s"
         why = f"at {v:.1f} m/s with {who} its driver wants {least:.1f} m/s²; {did}"
         late = round(driver.reaction / self.dt)
-        self.now[row] = _Handed(float(self.plan.t[k]), why, s, v, a, deque([a] * late))
+        now = float(self.plan.t[k])
+        self.now[row] = Handed(now, why, way, s, v, a, deque([a] * late), now + driver.reaction)
 
     def _drive(self, row: int, k: int, all_: Boxed) -> None:
-        """Move an object along its way to step k + 1."""
+        """Move an object along its line to step k + 1."""
         one, way, driver = self.now[row], way_of(self.stage, row), self._driver(row)
-        at = way.at_step(k + 1)
+        at, now = way.at_step(k + 1), float(self.plan.t[k])
         assert driver is not None
         if at < 0:  # it was not seen any longer
             self.past.append((row, self.now.pop(row)))
             return
-        found = way.others(one.s, _of(all_, [m for m in range(len(self.members)) if m != row]))
-        want = float(np.min(wanted(driver, one.v, found.gap, found.v), initial=driver.acceleration))
-        want = max(want, -self.settings.hand_over.hardest)
+        want = self._want(row, k, all_, driver)
         one.later.append(want)
         late = one.later.popleft()
-        attentive = float(self.plan.t[k]) - one.since >= driver.reaction
+        attentive = now - one.since >= driver.reaction
         a = want if attentive and want < -driver.deceleration else late
         v = max(min(one.v + a * self.dt, self._fastest(one, way, driver, at)), 0.0)
-        s = one.s + 0.5 * (one.v + v) * self.dt
+        s, trace = one.s + 0.5 * (one.v + v) * self.dt, float(way.s[at])
         caught_up = (
-            s >= float(way.s[at]) - _BACK and abs(v - float(way.v[at])) <= driver.deceleration * self.dt
+            not one.aside
+            and s >= trace - _BACK
+            and abs(v - float(way.v[at])) <= driver.deceleration * self.dt
         )
         if caught_up and want >= min(float(way.a[at]), 0.0):
             one.back = float(self.plan.t[k + 1])
             self.past.append((row, self.now.pop(row)))
             return
-        s = min(s, float(way.s[at]))
+        s = min(s, one.line.s_at(trace))
         one.a, one.s, one.v = (v - one.v) / self.dt, s, v
-        one.behind.append((float(self.plan.t[k + 1]), float(way.s[at]) - s, one.a))
-        p, (x, y, heading) = self.plan, way.columns(s)
-        columns = (x, y, heading, v, one.a, way.bend(s) * v)
-        for column, value in zip((p.x, p.y, p.heading, p.v, p.a, p.yaw_rate), columns, strict=True):
-            column[row, k + 1] = value
-        if p.z is not None:
-            p.z[row, k + 1] = np.interp(s, way.s, way.z)
+        one.behind.append((float(self.plan.t[k + 1]), trace - one.station, one.a))
+        self._put(row, k + 1, one)
 
-    def _fastest(self, one: _Handed, way: Way, driver: TrafficDriver, at: int) -> float:
+    def _put(self, row: int, k: int, one: Handed) -> None:
+        """Write where an object is at step k."""
+        p, line, (x, y, heading) = self.plan, one.line, one.line.columns(one.s)
+        columns = (x, y, heading, one.v, one.a, line.bend(one.s) * one.v)
+        for column, value in zip((p.x, p.y, p.heading, p.v, p.a, p.yaw_rate), columns, strict=True):
+            column[row, k] = value
+        if p.z is not None:
+            p.z[row, k] = np.interp(one.s, line.s, line.z)
+        if one.returned:
+            one.take(way_of(self.stage, row))
+
+    def _want(self, row: int, k: int, all_: Boxed, driver: TrafficDriver) -> float:
+        """What an object's driver wants [m/s²], who may change to another line for it."""
+        one = self.now[row]
+        rows = [m for m in range(len(self.members)) if m != row]
+        others = all_.of(rows)
+        want = self._behind(one, k, rows, others, driver)
+        if self.changes.due(row, k):
+            way = way_of(self.stage, row)
+            cap = (self._fastest(one, way, driver, way.at_step(k + 1)) - one.v) / _SOON
+            body = Body(one.v, way.length, way.width)
+            me = Looking(row, one, driver, k, rows, others, min(want, cap), cap, body)
+            found = self.changes.chosen(me)
+            if found is not None:
+                side, line, one.passes = found
+                one.take(line)
+                now = float(self.plan.t[k])
+                one.changes.append(LaneChange(now, side))
+                want = self._behind(one, k, rows, others, driver)
+        if one.changing:
+            one.look = float(self.plan.t[k]) + self.settings.lane_change.pause
+        return want
+
+    def _behind(self, one: Handed, k: int, rows: list[int], others: Boxed, driver: TrafficDriver) -> float:
+        """What a driver wants [m/s²] for who is on the line ahead, if it does not get by, and for the line's end."""
+        found = one.line.others(one.s, others)
+        if one.changing and isinstance(one.line, Aside) and one.passes in rows:
+            n = rows.index(one.passes)
+            ahead = Nearest(n, float(found.gap[n]), float(found.v[n]))
+            if self.changes.gets_by(one, one.line, k, one.passes, ahead):
+                found.gap[n] = math.inf
+        want = float(np.min(wanted(driver, one.v, found.gap, found.v), initial=driver.acceleration))
+        if math.isfinite(one.line.until):
+            gap = np.array([one.line.until - one.s - 0.5 * one.line.length])
+            want = min(want, float(wanted(driver, one.v, gap, np.zeros(1))[0]))
+        return max(want, -self.settings.hand_over.hardest)
+
+    def _fastest(self, one: Handed, way: Way, driver: TrafficDriver, at: int) -> float:
         """How fast [m/s] an object may be at place `at` of its way: to catch up with its trace, and in bends.
 
         It slows down for that no harder than is comfortable.
         """
-        behind = max(float(way.s[at - 1]) - one.s, 0.0)
+        behind = max(float(way.s[at - 1]) - one.station, 0.0)
         most = float(way.v[at]) + math.sqrt(2.0 * self.settings.hand_over.catch_up * behind)
         for ahead in (0.0, one.v):
-            bend = max(abs(way.bend(one.s + ahead)), 1e-9)
-            slow = float(np.interp(one.s + ahead, way.s[: way.count], way.v))
+            s = one.s + ahead
+            bend = max(abs(one.line.bend(s, _SHARP) if one.changing else one.line.bend(s)), 1e-9)
+            slow = (
+                0.0 if one.changing else float(np.interp(one.line.station_at(s), way.s[: way.count], way.v))
+            )
             most = min(most, max(slow, math.sqrt(_ASIDE_MOST / bend)))
         return max(most, one.v - driver.deceleration * self.dt)
-
-
-def _of(every: Boxed, rows: list[int]) -> Boxed:
-    position, heading, v, length, width, z = every
-    return Boxed(position[rows], heading[rows], v[rows], length[rows], width[rows], z[rows])
-
-
-def _boxed(stage: Stage, plan: Guide, k: int) -> Boxed:
-    """All of them, EGO first, where a plan has them at step k."""
-    z = np.full(len(stage.members), np.nan) if plan.z is None else plan.z[:, k]
-    place = plan.x[:, k] + 1j * plan.y[:, k]
-    return Boxed(place, plan.heading[:, k], plan.v[:, k], stage.length, stage.width, z)
-
-
-@lru_cache(maxsize=8)
-def _known(stage: Stage) -> tuple[dict[int, Way], dict[tuple[int, ReactiveSettings], TrafficDriver | None]]:
-    """Ways and drivers of a stage that were asked for."""
-    return {}, {}
-
-
-def way_of(stage: Stage, row: int) -> Way:
-    """Give the way of an object of a stage."""
-    ways, _ = _known(stage)
-    if row not in ways:
-        ways[row] = Way(stage.plan, row, stage.members[row].length, stage.members[row].width)
-    return ways[row]
-
-
-def traffic_driver(stage: Stage, settings: ReactiveSettings, row: int) -> TrafficDriver | None:
-    """Give the driver of an object; None for who has none: a pedestrian, who reverses, who is there for a step."""
-    _, drivers = _known(stage)
-    if (row, settings) not in drivers:
-        kind, way = settings.of(stage.members[row].kind), way_of(stage, row)
-        driver = None
-        if kind is not None and way.forwards and way.count > 1:
-            driver = driver_of(kind, way.v)
-            driver = fitted(driver, [*followings(stage, row)]) if settings.calibrated else driver
-        drivers[row, settings] = driver
-    return drivers[row, settings]
-
-
-def followings(stage: Stage, row: int) -> Iterator[Following]:
-    """Give the stretches over which an object followed one leader in the measured drive, from its start on."""
-    plan, way = stage.plan, way_of(stage, row)
-    others = [m for m in range(len(stage.members)) if m != row]
-    dt = float(plan.t[1] - plan.t[0])
-    every = max(round(GRID / dt), 1)
-    places = np.arange(max(plan.begin - way.first, 0), way.count, every)
-    who, gap, lead_v = np.full(len(places), -1), np.full(len(places), np.nan), np.full(len(places), np.nan)
-    for k, at in enumerate(places.tolist() if others else ()):
-        there = way.others(float(way.s[at]), _of(_boxed(stage, plan, way.first + at), others))
-        first = int(np.argmin(there.gap))
-        if 0.0 < there.gap[first] < math.inf:
-            who[k], gap[k], lead_v[k] = others[first], there.gap[first], there.v[first]
-    for part in np.split(np.arange(len(places)), np.flatnonzero(np.diff(who)) + 1):
-        if len(part) and who[part[0]] >= 0:
-            among = places[part]
-            yield Following(way.s[among], way.v[among], gap[part], lead_v[part], every * dt)

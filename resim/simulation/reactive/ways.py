@@ -1,7 +1,9 @@
-"""The ways of traffic objects: where they were measured, as paths along which they may be slower."""
+"""The ways of traffic objects: where they were measured, as lines along which they may be slower."""
 
 from __future__ import annotations
 
+import math
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,8 @@ REACH = 150.0
 _CHORD = 5.0
 _APART = 2.0
 """m between places beyond the last one, and that measured ones may be apart."""
+_FINE, _COARSE = 0.2, 1.0
+"""m that points of a grid are apart at least, roughly, and at most."""
 
 
 class OnWay(NamedTuple):
@@ -40,47 +44,64 @@ class Boxed(NamedTuple):
     width: Floats
     z: Floats
 
+    def of(self, rows: list[int]) -> Boxed:
+        """Give some of them."""
+        position, heading, v, length, width, z = self
+        return Boxed(position[rows], heading[rows], v[rows], length[rows], width[rows], z[rows])
 
-class Way:
-    """The way of one object: its places in the order of time, how far along it each is, and straight on after the last.
 
-    count: how many places it has; the others are beyond.
+class Line:
+    """A line along which somebody drives, by its points (P,), and how far along the measured way each of them is.
+
+    s: m along it. position: x + iy [m]. heading: rad, unwrapped. z: m, NaN where not known. station: m along the
+    measured way, on which s is the same. done: s [m] at which the change of lanes that it holds is over. until: s [m]
+    at which the lane ends. length, width: m, of who drives along it.
     """
 
-    def __init__(self, plan: Guide, row: int, length: float, width: float) -> None:
-        k = np.flatnonzero(plan.present[row])
-        self.first, self.count, self.length, self.width = int(k[0]), len(k), length, width
-        place = plan.x[row, k] + 1j * plan.y[row, k]
-        heading = np.unwrap(plan.heading[row, k])
-        self.v, self.a = plan.v[row, k], plan.a[row, k]
-        self.forwards = bool((self.v > -0.1).all())
-        moved = (np.diff(place) * np.exp(-1j * heading[1:])).real
-        # who creeps back and forth comes no further
-        s = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(moved)]))
-        beyond = np.arange(_APART, REACH, _APART)
-        self.s = np.concatenate([s, s[-1] + beyond])
-        self.position = np.concatenate([place, place[-1] + beyond * np.exp(1j * heading[-1])])
-        self.heading = np.concatenate([heading, np.full(len(beyond), heading[-1])])
-        z = np.full(len(k), np.nan) if plan.z is None else plan.z[row, k]
-        self.z = np.concatenate([z, np.full(len(beyond), z[-1])])
-        self._turn = np.exp(-1j * self.heading)
+    def __init__(
+        self,
+        position: NDArray[np.complex128],
+        heading: Floats,
+        s: Floats,
+        station: Floats,
+        z: Floats,
+        size: tuple[float, float],
+        ends: tuple[float, float] = (-math.inf, math.inf),
+    ) -> None:
+        self.position, self.heading, self.s, self.station, self.z = position, heading, s, station, z
+        self.length, self.width = size
+        self.done, self.until = ends
+        self._turn = np.exp(-1j * heading)
 
-    def at_step(self, k: int) -> int:
-        """Give the index of a step among its places; -1 where the object is not there."""
-        return k - self.first if 0 <= k - self.first < self.count else -1
+    def station_at(self, s: float) -> float:
+        """Give how far [m] along the measured way s [m] is."""
+        return s if self.station is self.s else float(np.interp(s, self.s, self.station))
 
-    def bend(self, s: float) -> float:
-        """Give the curvature [1/m] of the way at s [m], of the chords to places 5 m before and after it.
+    def s_at(self, station: float) -> float:
+        """Give s [m] of a place on the measured way [m]."""
+        return station if self.station is self.s else float(np.interp(station, self.station, self.s))
+
+    def places(self, s: float, position: NDArray[np.complex128]) -> tuple[Floats, Floats]:
+        """Give how far [m] ahead of s, and to the left, positions (M,) are, by the nearest point within reach."""
+        low, high = np.searchsorted(self.s, (s - REACH, s + REACH))
+        window = slice(max(int(low) - 1, 0), int(high) + 1)
+        off = position[:, None] - self.position[window]
+        at = np.abs(off).argmin(axis=1)
+        own = off[np.arange(len(at)), at] * self._turn[window][at]
+        return self.s[window][at] + own.real - s, own.imag
+
+    def bend(self, s: float, chord: float = _CHORD) -> float:
+        """Give the curvature [1/m] of the line at s [m], of the chords [m] to places before and after it.
 
         Headings turn on the spot where noise is all that moves who stands, places do not.
         """
-        at = (s - _CHORD, s, s + _CHORD)
+        at = (s - chord, s, s + chord)
         before, here, after = np.interp(at, self.s, self.position.real) + 1j * np.interp(
             at, self.s, self.position.imag
         )
-        if abs(here - before) < 0.5 * _CHORD or abs(after - here) < 0.5 * _CHORD:  # where it begins
+        if abs(here - before) < 0.5 * chord or abs(after - here) < 0.5 * chord:  # where it begins
             return 0.0
-        return float(np.angle((after - here) / (here - before))) / _CHORD
+        return float(np.angle((after - here) / (here - before))) / chord
 
     def columns(self, s: float) -> tuple[float, float, float]:
         """Give x, y [m] and heading [rad] at s [m]."""
@@ -88,7 +109,7 @@ class Way:
         return float(x), float(y), float(wrap_angle(np.interp(s, self.s, self.heading)))
 
     def others(self, s: float, others: Boxed) -> OnWay:
-        """Say where others are, for an object at s [m] on its way: where they are on it first."""
+        """Say where others are, for who is at s [m] on the line: where they are on it first."""
         low, high = np.searchsorted(self.s, (s - 0.5 * self.length, s + REACH))
         begin = max(int(low) - 1, 0)
         window = slice(begin, max(int(high), begin + 1))
@@ -108,3 +129,53 @@ class Way:
         at = np.arange(len(first)), np.where(near, np.abs(along), np.inf).argmin(axis=1)
         gap = np.where(ahead, centre[at] - half_length[at] - 0.5 * self.length, np.inf)
         return OnWay(gap, np.where(ahead, others.v * np.cos(turn[at]), 0.0))
+
+
+class Way(Line):
+    """The way of one object: its places in the order of time, how far along it each is, and straight on after the last.
+
+    count: how many places it has; the others are beyond.
+    """
+
+    def __init__(self, plan: Guide, row: int, length: float, width: float) -> None:
+        k = np.flatnonzero(plan.present[row])
+        self.first, self.count = int(k[0]), len(k)
+        place = plan.x[row, k] + 1j * plan.y[row, k]
+        heading = np.unwrap(plan.heading[row, k])
+        self.v, self.a = plan.v[row, k], plan.a[row, k]
+        self.forwards = bool((self.v > -0.1).all())
+        moved = (np.diff(place) * np.exp(-1j * heading[1:])).real
+        # who creeps back and forth comes no further
+        s = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(moved)]))
+        beyond = np.arange(_APART, REACH, _APART)
+        s = np.concatenate([s, s[-1] + beyond])
+        z = np.full(len(k), np.nan) if plan.z is None else plan.z[row, k]
+        super().__init__(
+            np.concatenate([place, place[-1] + beyond * np.exp(1j * heading[-1])]),
+            np.concatenate([heading, np.full(len(beyond), heading[-1])]),
+            s,
+            s,
+            np.concatenate([z, np.full(len(beyond), z[-1])]),
+            (length, width),
+        )
+
+    def at_step(self, k: int) -> int:
+        """Give the index of a step among its places; -1 where the object is not there."""
+        return k - self.first if 0 <= k - self.first < self.count else -1
+
+    @property
+    def end(self) -> float:
+        """s [m] of its last measured place."""
+        return float(self.s[self.count - 1])
+
+    @cached_property
+    def grid(self) -> Line:
+        """The same line with points 0.2 to 1 m apart, as nearly as places allow: who stood for long has one."""
+        s = self.s[np.append(True, np.diff(np.floor(self.s / _FINE)) > 0.0)]
+        s = s[np.append(True, np.diff(s) > 0.25 * _FINE)]
+        while len(s) > 1 and (gaps := np.diff(s)).max() > _COARSE:
+            s = np.sort(np.append(s, (s[:-1] + 0.5 * gaps)[gaps > _COARSE]))
+        x, y, heading, z = (
+            np.interp(s, self.s, c) for c in (self.position.real, self.position.imag, self.heading, self.z)
+        )
+        return Line(x + 1j * y, heading, s, s, z, (self.length, self.width))
