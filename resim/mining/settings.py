@@ -20,7 +20,7 @@ Distance = Literal["centre", "bumper"]
 Place = Literal["map", "town", "open road"]
 
 
-class LaneChangeSettings(Strict):
+class LaneChangeThresholds(Strict):
     """Whether (close [m] to the lane's centre: Kaefer), and from when to when (lateral_speed [m/s]: Wagner)."""
 
     close: float = Field(default=maneuvers.CLOSE_TO_CENTRE, gt=0.0)
@@ -200,7 +200,7 @@ class MiningSettings(Strict):
 
     kinds: tuple[str, ...] = ("car", "van", "truck", "bus", "trailer", "motorcycle", "unknown")
     files: tuple[str, ...] = ()
-    lane_change: LaneChangeSettings = LaneChangeSettings()
+    lane_change: LaneChangeThresholds = LaneChangeThresholds()
     cut: CutSettings = CutSettings()
     tailgating: TailgatingSettings = TailgatingSettings()
     speeding: SpeedingSettings = SpeedingSettings()

@@ -14,7 +14,7 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.mining.features import Features
-from resim.mining.labels.lane_change import LEFT, OPEN, LaneChange
+from resim.mining.labels.lane_change import LEFT, OPEN, LaneChangeLabel
 from resim.mining.lane_map import Rows
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.settings import MiningSettings
@@ -33,7 +33,7 @@ def find(
     """Find the cut-ins and cut-outs among lane changes."""
     flow, centre = features.flow, settings.cut.distance == "centre"
     for change in found:
-        if not isinstance(change, LaneChange) or change.label == OPEN:
+        if not isinstance(change, LaneChangeLabel) or change.label == OPEN:
             continue
         side = "left" if change.label == LEFT else "right"
         entered = slice(change.at, change.close_after + 1)
@@ -47,7 +47,7 @@ def find(
 def _cut(
     features: Features,
     settings: MiningSettings,
-    change: LaneChange,
+    change: LaneChangeLabel,
     label: str,
     span: slice,
     of: tuple[Rows, Floats],

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from resim.mining.features import Features
-from resim.mining.labels.lane_change import LaneChange
+from resim.mining.labels.lane_change import LaneChangeLabel
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings
@@ -22,7 +22,7 @@ def find(
     samples, rules = features.samples, settings.follow_lane
     holds = (features.row >= 0) & (samples.v > rules.speed) & samples.kinds(frozenset(settings.kinds))
     for change in found:
-        if isinstance(change, LaneChange):
+        if isinstance(change, LaneChangeLabel):
             holds[change.start : change.end + 1] = False
     new = np.zeros(len(samples), dtype=bool)
     new[1:] = (

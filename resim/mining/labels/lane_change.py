@@ -26,7 +26,7 @@ LEFT, RIGHT, OPEN = "lane_change_left", "lane_change_right", "lane_change_not_ju
 
 
 @dataclass(frozen=True)
-class LaneChange(LabelledManeuver):
+class LaneChangeLabel(LabelledManeuver):
     """A lane change; `at` is the first sample in the new lane, of a double in the first new lane.
 
     Attributes:
@@ -70,7 +70,7 @@ def _of_stretch(
     """The lane changes of one object in a stretch without breaks, from the samples at which it crosses borders."""
     low, high = _bounds(features, crossings[0])
     own = [_crossing(features, settings, k, low, high) for k in crossings]
-    changes: list[LaneChange] = []
+    changes: list[LaneChangeLabel] = []
     for _, group in groupby(own, key=lambda c: (c.before, c.after)):
         change = _judged(features, list(group))
         if change is None:
@@ -103,7 +103,7 @@ def _crossing(features: Features, settings: MiningSettings, k: int, low: int, hi
     return _Crossing(k, side, low + start, low + end, *shifted)
 
 
-def _judged(features: Features, group: list[_Crossing]) -> LaneChange | None:
+def _judged(features: Features, group: list[_Crossing]) -> LaneChangeLabel | None:
     """The lane change that crossings with the same close samples around make, None for swaying over the border."""
     group = [c for c in group if not _turns_off(features, c.at)]
     if not group:
@@ -112,12 +112,12 @@ def _judged(features: Features, group: list[_Crossing]) -> LaneChange | None:
     row = int(features.samples.owner[one.at])
     if one.before is None or one.after is None:
         end = max(c.end for c in group)
-        return LaneChange(OPEN, row, one.start, end, one.at)
+        return LaneChangeLabel(OPEN, row, one.start, end, one.at)
     lanes = int(features.strand[one.after] - features.strand[one.before])
     if lanes == 0:
         return None
     along = [c for c in group if c.side * lanes > 0]
-    return LaneChange(
+    return LaneChangeLabel(
         LEFT if lanes > 0 else RIGHT, row, min(c.start for c in along), max(c.end for c in along), along[0].at,
         lanes=lanes, close_before=one.before, close_after=one.after,
     )  # fmt: skip
@@ -130,12 +130,12 @@ def _turns_off(features: Features, k: int) -> bool:
     return min(abs(off), np.pi - abs(off)) > TURNED_OFF
 
 
-def _one(last: LaneChange, change: LaneChange) -> bool:
+def _one(last: LaneChangeLabel, change: LaneChangeLabel) -> bool:
     """Whether two changes are a double: to one side, and no slow sample between their crossings."""
     return OPEN not in (last.label, change.label) and last.label == change.label and last.end >= change.at
 
 
-def _told(features: Features, change: LaneChange) -> LaneChange:
+def _told(features: Features, change: LaneChangeLabel) -> LaneChangeLabel:
     if change.label == OPEN:
         return change
     span = slice(change.start, change.end + 1)

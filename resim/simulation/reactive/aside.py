@@ -40,7 +40,8 @@ class Aside(Line):
         s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(position)))])
         turned = np.angle(np.gradient(position, grid.s) / np.gradient(grid.position, grid.s))
         ends = (float(np.interp(done, grid.s, s)), float(np.interp(until, grid.s, s, right=np.inf)))
-        super().__init__(position, grid.heading + turned, s, grid.s, grid.z, (way.length, way.width), ends)
+        super().__init__(position, grid.heading + turned, s, grid.s, grid.z, (way.length, way.width))
+        self.done, self.until = ends
 
 
 def leaving(way: Way, line: Line, station: float, length: float, target: Floats, until: float) -> Aside:

@@ -25,7 +25,7 @@ from resim.simulation.reactive.lanes import Neighbour, Side, neighbour
 from resim.simulation.reactive.mobil import MARGIN, Nearest, gets_by, moved_in, moved_out, wants
 from resim.simulation.reactive.people import way_of
 from resim.simulation.reactive.settings import ReactiveSettings
-from resim.simulation.reactive.sight import Looking, Places, Sight
+from resim.simulation.reactive.sight import ChangingDriver, Places, Sight
 from resim.simulation.traffic import Stage
 
 NEVER = ("pedestrian", "bicycle", "trailer")
@@ -78,7 +78,7 @@ class LaneChanges:
         one.look = float(self.plan.t[k]) + self.how.every
         return self.stage.members[row].kind not in NEVER
 
-    def chosen(self, me: Looking) -> tuple[Side, Aside, int] | None:
+    def chosen(self, me: ChangingDriver) -> tuple[Side, Aside, int] | None:
         """Give the side to which somebody goes, the line that it takes, and the row of the stage of whom it gets by.
 
         None where it stays in its lane. The row is -1 for nobody.
@@ -103,7 +103,7 @@ class LaneChanges:
             return None
         return best[1], best[2], me.rows[lane.ahead.row] if lane.ahead.row >= 0 else -1
 
-    def _targets(self, me: Looking) -> Iterator[Target]:
+    def _targets(self, me: ChangingDriver) -> Iterator[Target]:
         """Where it may go to: from its way to the lanes beside it, from there back."""
         one, way = me.one, way_of(self.stage, me.row)
         station = one.station
@@ -118,7 +118,7 @@ class LaneChanges:
                 if found is not None:
                     yield found
 
-    def _beside(self, me: Looking, side: Side, station: float) -> Target | None:
+    def _beside(self, me: ChangingDriver, side: Side, station: float) -> Target | None:
         """The lane beside its way, where there is one."""
         way, width = way_of(self.stage, me.row), me.body.width
         x, y, heading = me.one.line.columns(me.one.s)
@@ -131,7 +131,7 @@ class LaneChanges:
         return Target(side, *_offsets(found, way.grid.position, way.grid.s, station, length), found.places)
 
     def _weighed(
-        self, me: Looking, target: Target, slow: Nearest, freed: float
+        self, me: ChangingDriver, target: Target, slow: Nearest, freed: float
     ) -> tuple[float, Aside] | None:
         """What it gains [m/s²] by going there, and the line to it; None where it had better not.
 
@@ -158,7 +158,7 @@ class LaneChanges:
                 return gain, line
         return None
 
-    def _would(self, me: Looking, line: Aside, ahead: Nearest, slow: Nearest) -> float:
+    def _would(self, me: ChangingDriver, line: Aside, ahead: Nearest, slow: Nearest) -> float:
         """What it would do [m/s²] on a line: for who is on it, who is ahead in that lane, and the lane's end.
 
         Whoever is ahead where it is now, and who is `slow`, does not count if it gets by.

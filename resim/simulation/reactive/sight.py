@@ -29,7 +29,7 @@ Places = Callable[[NDArray[np.complex128]], tuple[Floats, Floats]]
 
 
 @dataclass(frozen=True, eq=False)
-class Looking:
+class ChangingDriver:
     """Who looks for another lane, and what it sees at a step k: all others, and by rows of the stage who they are.
 
     want: what it does where it is [m/s²]. cap: what it does at most, so as to be no faster than it may be.
@@ -56,7 +56,7 @@ class Sight:
         self.times = np.arange(1.0, how.duration + how.lasting)
         """s from now at which others are looked at, too."""
 
-    def lane(self, me: Looking, places: Places, *, soon: bool) -> InLane:
+    def lane(self, me: ChangingDriver, places: Places, *, soon: bool) -> InLane:
         """Give who is next in a lane; soon: or will be, until one had changed to it and been there for a while."""
         s, d = places(me.others.position)
         low, high = d.copy(), d.copy()
@@ -71,7 +71,7 @@ class Sight:
         z = np.interp(me.one.s + s, line.s, line.z, left=np.nan, right=np.nan)
         return in_lane(s, (low, high), me.others, me.body, over(me.others.z, z))
 
-    def _soon(self, me: Looking) -> Iterator[tuple[NDArray[np.intp], NDArray[np.complex128]]]:
+    def _soon(self, me: ChangingDriver) -> Iterator[tuple[NDArray[np.intp], NDArray[np.complex128]]]:
         """Which others are where soon, by index among them."""
         rows, measured = np.array(me.rows), self.stage.plan
         traced = np.array([row != 0 and row not in self.now for row in me.rows])
@@ -88,7 +88,7 @@ class Sight:
                     x, y, _ = one.line.columns(s)
                     yield np.array([n]), np.array([x + 1j * y])
 
-    def driver(self, me: Looking, other: Nearest) -> TrafficDriver:
+    def driver(self, me: ChangingDriver, other: Nearest) -> TrafficDriver:
         """Give the driver of one of the others; the EGO's is the usual one of its kind."""
         row = me.rows[other.row]
         own = None if row == 0 else traffic_driver(self.stage, self.settings, row)
@@ -105,7 +105,7 @@ class Sight:
         along = p.v[row, k] * np.exp(1j * p.heading[row, k]) * np.array([0.0, _AHEAD])
         return np.asarray(p.x[row, k] + 1j * p.y[row, k] + along)
 
-    def tows(self, me: Looking) -> bool:
+    def tows(self, me: ChangingDriver) -> bool:
         """Say whether a trailer was close behind it when measured, which would go straight on."""
         members, measured = self.stage.members, boxed(self.stage, self.stage.plan, me.k)
         trailers = [row for row in me.rows if members[row].kind == "trailer"]

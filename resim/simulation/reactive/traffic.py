@@ -26,7 +26,7 @@ from resim.simulation.reactive.lane_changes import LaneChanges
 from resim.simulation.reactive.mobil import Body, Nearest
 from resim.simulation.reactive.people import boxed, traffic_driver, way_of
 from resim.simulation.reactive.settings import ReactiveSettings
-from resim.simulation.reactive.sight import Looking
+from resim.simulation.reactive.sight import ChangingDriver
 from resim.simulation.reactive.ways import REACH, Boxed, Way
 from resim.simulation.traffic import Phase, Stage
 
@@ -206,7 +206,7 @@ class ReactiveTraffic:
             way = way_of(self.stage, row)
             cap = (self._fastest(one, way, driver, way.at_step(k + 1)) - one.v) / _SOON
             body = Body(one.v, way.length, way.width)
-            me = Looking(row, one, driver, k, rows, others, min(want, cap), cap, body)
+            me = ChangingDriver(row, one, driver, k, rows, others, min(want, cap), cap, body)
             found = self.changes.chosen(me)
             if found is not None:
                 side, line, one.passes = found

@@ -66,11 +66,10 @@ class Line:
         station: Floats,
         z: Floats,
         size: tuple[float, float],
-        ends: tuple[float, float] = (-math.inf, math.inf),
     ) -> None:
         self.position, self.heading, self.s, self.station, self.z = position, heading, s, station, z
         self.length, self.width = size
-        self.done, self.until = ends
+        self.done, self.until = -math.inf, math.inf
         self._turn = np.exp(-1j * heading)
 
     def station_at(self, s: float) -> float:
