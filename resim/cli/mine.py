@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, app, command
-from resim.cli.terminal import add_to_json, say
+from resim.cli.terminal import add_to_json, counted, say
 
 if TYPE_CHECKING:
     from resim.jobs.mine import MiningResult
@@ -93,7 +93,8 @@ def _tell(told: MinedPart | MinedFailure) -> None:
 
     if isinstance(told, MinedPart):
         count = sum(told.labels.values())
-        say(f"{told.recording}: {count} maneuvers, {told.scenarios} scenarios", err=True)
+        found = f"{counted(count, 'maneuver')}, {counted(told.scenarios, 'scenario')}"
+        say(f"{told.recording}: {found}", err=True)
         for note in told.notes:
             say(f"  {note}", err=True)
     else:
@@ -105,7 +106,8 @@ def _print(found: MiningResult) -> None:
         say(f"{count:6}  {name}")
     parts, failures = found.report.parts, found.report.failures
     scenarios = sum(part.scenarios for part in parts)
-    say(f"{len(parts)} recordings mined, {len(failures)} not; {scenarios} scenarios")
+    mined = f"{counted(len(parts), 'recording')} mined, {len(failures)} not"
+    say(f"{mined}; {counted(scenarios, 'scenario')}")
     for failure in failures:
         say(f"not mined: {failure.recording}: {failure.why}")
     add_to_json(labels=found.labels, scenarios=scenarios, recordings=parts, failures=failures)

@@ -9,7 +9,7 @@ import typer
 
 from resim.cli.app import app, command
 from resim.cli.inputs import A_MAP
-from resim.cli.terminal import add_to_json, say
+from resim.cli.terminal import add_to_json, counted, say
 
 if TYPE_CHECKING:
     from resim.jobs.traffic import TrafficRecording
@@ -44,12 +44,14 @@ def traffic(
         recordings=[one.folder for one in made], kilometres=km, lane_changes=changes,
         left_out=[list(one) for recording in made for one in recording.left_out],
     )  # fmt: skip
-    say(f"{len(made)} recordings, {km:.1f} km, {changes / max(km, 1e-9):.3f} lane changes a km: {out}")
+    rate = f"{changes / max(km, 1e-9):.3f} lane changes a km"
+    say(f"{counted(len(made), 'recording')}, {km:.1f} km, {rate}: {out}")
 
 
 def _tell(one: TrafficRecording) -> None:
-    left = f"; {len(one.left_out)} vehicles left out" if one.left_out else ""
-    say(f"{one.folder}: {one.vehicles} vehicles, {one.kilometres:.1f} km, {_changes(one)} lane changes{left}")
+    left = f"; {counted(len(one.left_out), 'vehicle')} left out" if one.left_out else ""
+    driven = f"{counted(one.vehicles, 'vehicle')}, {one.kilometres:.1f} km"
+    say(f"{one.folder}: {driven}, {counted(_changes(one), 'lane change')}{left}")
 
 
 def _changes(one: TrafficRecording) -> int:
