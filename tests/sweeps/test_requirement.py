@@ -137,7 +137,7 @@ def test_a_parameter_that_does_nothing_has_no_limit() -> None:
 def test_what_is_drawn_tells_of_the_parameter_that_matters(engine: type[qmc.QMCEngine]) -> None:
     claimed, missed = 0, 0
     for seed in range(100):
-        x = engine(2, rng=np.random.default_rng(seed)).random((256, 320, 400)[seed % 3])
+        x = engine(2, rng=np.random.default_rng(seed)).random((512, 640, 800)[seed % 3])
         y = passing(x, 1.0 / (1.0 + np.exp((x[:, 0] - 0.6) / 0.05)), 5, seed)
         steps = [levels(x[:, i], 50, None, np.delete(x, i, axis=1)) for i in (0, 1)]
         one, two = (
