@@ -70,6 +70,8 @@ def labels(layer: Layer, drive: PlayedDrive) -> dict[str, Any]:
     }  # fmt: skip
     if events := dict(_numbered(_event(mark, times) for mark in marks)):
         told["events"] = events
+    if actions := dict(_numbered(_actions(layer, times, uids))):
+        told["actions"] = actions
     return {"openlabel": told}
 
 
@@ -133,6 +135,21 @@ def _event(mark: TimelineMark, times: Any) -> dict[str, Any]:
             "text": text, "num": [{"name": "start", "val": mark.start}, {"name": "end", "val": mark.end}],
         },
     }  # fmt: skip
+
+
+def _actions(layer: Layer, times: Any, uids: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+    """What objects did, from the first frame to the last in which they did it."""
+    if layer.maneuvers is None:
+        return
+    for one in layer.maneuvers.to_dict("records"):
+        first, last = (int(np.argmin(np.abs(times - one[name]))) for name in ("start", "end"))
+        who = [{"name": name, "val": uids[str(one[name])]} for name in ("object", "partner") if one[name]]
+        numbers = [{"name": name, "val": float(one[name])} for name in ("start", "end")]
+        yield {
+            "name": one["label"], "type": one["label"], "ontology_uid": _OWN,
+            "frame_intervals": [{"frame_start": first, "frame_end": last}],
+            "action_data": {"text": who, "num": numbers},
+        }  # fmt: skip
 
 
 def _tags(layer: Layer, drive: PlayedDrive, marks: list[TimelineMark]) -> Iterator[dict[str, Any]]:

@@ -25,9 +25,13 @@ from resim.exports.rocrate import FILE as ROCRATE
 from resim.exports.rocrate import crate, write
 from resim.jobs.given import path_of
 from resim.jobs.play import played_drive
+from resim.mining.features import features
+from resim.mining.find import find_maneuvers
+from resim.mining.rows import maneuver_frame
 from resim.recordings import Recording
 from resim.recordings.checked import load_checked
 from resim.report.player import PlayedDrive, of_recording
+from resim.report.player.drive import Layer
 from resim.report.player.simulated import broken_off
 from resim.resimulation.run import describe_recording
 from resim.resimulation.written import read_run
@@ -120,11 +124,13 @@ class ExportForm:
         title: What it is called.
         module: Has `write`, which writes a drive into a folder and gives the file of each source.
         needs: Packages that are not always there, and the extra that brings each.
+        labelled: Whether it holds maneuvers.
     """
 
     title: str
     module: str
     needs: Mapping[str, str]
+    labelled: bool = False
 
 
 FORMS: Mapping[str, ExportForm] = {
@@ -135,7 +141,7 @@ FORMS: Mapping[str, ExportForm] = {
         "MCAP", "resim.exports.mcap", {"osi3": "osi", "mcap": "osi", "foxglove": "foxglove"},
     ),
     "rosbag": ExportForm("rosbag2", "resim.exports.rosbag", {"rosbags": "ros"}),
-    "openlabel": ExportForm("OpenLABEL 1.0.0", "resim.exports.openlabel", {}),
+    "openlabel": ExportForm("OpenLABEL 1.0.0", "resim.exports.openlabel", {}, labelled=True),
     "foxglove": ExportForm(
         "Foxglove", "resim.exports.foxglove", {"mcap": "foxglove", "foxglove": "foxglove"},
     ),
@@ -170,6 +176,8 @@ def export_drive(
         )
     check_output(folder, EXPORT, (path,))
     played = _played(path, accept)
+    if made.labelled:
+        played = replace(played, layers=tuple(_labelled(layer, played.network) for layer in played.layers))
     with whole_folder(folder, EXPORT, (played.network.path,)) as new:
         road = played.network.path
         sources = importlib.import_module(made.module).write(played, new)
@@ -181,6 +189,14 @@ def export_drive(
         )
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
+
+
+def _labelled(layer: Layer, network: RoadNetwork) -> Layer:
+    """A source with the maneuvers that `resim mine` finds in it; of what sensors perceived nothing is looked for."""
+    if layer.name == "SD" or layer.name.startswith("perceived"):
+        return layer
+    found = features(layer.tracks, network)
+    return replace(layer, maneuvers=maneuver_frame(layer.name, found, find_maneuvers(found)))
 
 
 def _copy_map(road: Path, folder: Path) -> None:

@@ -60,6 +60,28 @@ def test_objects_are_where_the_drive_has_them(tmp_path: Path) -> None:
             assert float(frame["frame_properties"]["timestamp"]) == pytest.approx(true.t[int(k)], abs=1e-9)
 
 
+def test_maneuvers_are_actions(tmp_path: Path) -> None:
+    """The corner case: the other one changes from the left lane to the EGO's, and brakes; SD is not looked at."""
+    export_drive(ROOT / "scenarios" / "cut_in_brake", tmp_path / "out", "openlabel")
+    assert issues(tmp_path / "out" / "GT.openlabel.json") == []
+    told, seen = (
+        json.loads((tmp_path / "out" / f"{name}.openlabel.json").read_text(encoding="utf-8"))["openlabel"]
+        for name in ("GT", "SD")
+    )
+    assert "actions" not in seen
+    (change,) = [one for one in told["actions"].values() if one["type"] == "lane_change_right"]
+    (who,) = [one["val"] for one in change["action_data"]["text"] if one["name"] == "object"]
+    assert told["objects"][who]["name"] == "1"
+    (span,) = change["frame_intervals"]
+    begin, end = (
+        told["frames"][str(span[name])]["frame_properties"]["timestamp"]
+        for name in ("frame_start", "frame_end")
+    )
+    gt = read_recording(ROOT / "scenarios" / "cut_in_brake").gt
+    y = np.interp([float(begin), float(end)], gt.t, gt.y[gt.index("1")])
+    assert y == pytest.approx([-1.75, -5.25], abs=0.2)  # from lane centre to lane centre
+
+
 def test_who_comes_and_goes_is_in_the_frames_in_which_it_is_there(tmp_path: Path) -> None:
     true = read_recording(ROOT / "scenarios" / "cut_in_brake").gt
     valid = true.valid.copy()

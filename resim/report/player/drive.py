@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+import pandas as pd
 
 from resim.core.clock import regular
 from resim.core.geometry import Bools, Floats
@@ -63,7 +64,8 @@ class AccelerationCurve:
 class Layer:
     """One source of a drive: who was where, the plans that the EGO made, and curves; shown: from the start on.
 
-    plans: when [s] each was made, and t, x, y, v (K, 4). assessed: what it was judged to be, if it was.
+    plans: when [s] each was made, and t, x, y, v (K, 4). assessed: what it was judged to be, if it was. maneuvers: rows
+    of object, label, start, end [s] and partner, None where nobody looked for any.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Layer:
     acceleration: AccelerationCurve | None = None
     shown: bool = True
     assessed: DriveAssessment | None = None
+    maneuvers: pd.DataFrame | None = None
 
 
 @dataclass(frozen=True)
