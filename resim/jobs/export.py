@@ -330,7 +330,7 @@ def _scenarios(path: Path, accept: Collection[str]) -> _Described:
         return _Described(name, load(path.parent / scenario.map), {SOURCE_ALONE: scenario}, [])
     if (path / "run.json").is_file():
         run = read_run(path)
-        notes = broken_off(run.report)
+        notes = [*broken_off(run.report).values()]
         for source, scenario in run.scenarios.items():
             notes += _not_described(
                 source, run.tables.tracks[run.tables.tracks["source"] == source], scenario

@@ -6,13 +6,13 @@ The sources stand beside the numbers in that file; here is what each means.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from resim.core.errors import InputError
 from resim.core.files import read_file
-from resim.core.spec import ModuleAndName, Strict, read_strict
+from resim.core.spec import ModuleAndName, Strict, TextPattern, read_strict
 from resim.scenario import maneuvers
 
 EXAMPLE = "See scenarios/mining/labels.toml"
@@ -165,7 +165,7 @@ class OwnLabelSettings(Strict):
     It takes `Features` and the maneuvers found so far, and gives maneuvers (see `resim.mining.maneuver`).
     """
 
-    name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    name: Annotated[str, TextPattern(r"^[a-z][a-z0-9_]*$", "a name of small letters, digits and underscores")]
     function: ModuleAndName
 
 

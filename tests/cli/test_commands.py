@@ -263,7 +263,7 @@ def test_a_folder_that_is_not_resims_is_left_alone(
     call: Call, recording: Callable[..., Path], tmp_path: Path
 ) -> None:
     folder = recording()
-    refused(call("run", folder, "--build", PILOT, "--out", folder), "is not a results folder")
+    refused(call("run", folder, "--build", PILOT, "--out", folder), "lies within --out, and would be lost")
     refused(
         call("run", folder, "--build", PILOT, "--out", folder / "gt.csv" / "out"),
         "no folder that you may write",

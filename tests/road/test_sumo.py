@@ -171,11 +171,12 @@ def test_every_way_to_fail_is_told_and_leaves_nothing(
     assert list((tmp_path / "nets").iterdir()) == []
 
 
-def test_the_maker_writes_the_network_that_ships(proving_ground):
+def test_the_maker_writes_the_network_that_ships(proving_ground, monkeypatch):
     pytest.importorskip("scenariogeneration")
     import runpy
 
     tools = proving_ground.path.parents[1] / "tools" / "make_networks.py"
+    monkeypatch.syspath_prepend(str(tools.parent))
     made = runpy.run_path(str(tools))["proving_ground"]()
     assert made == proving_ground.path.read_bytes()
 

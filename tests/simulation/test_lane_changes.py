@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
@@ -198,8 +198,24 @@ place = st.tuples(st.sampled_from([-1, -2]), st.integers(-14, 14), st.floats(14.
 places = st.lists(place, max_size=5, unique_by=lambda one: one[:2])
 
 
+def traces_that_meet(others: list[tuple[int, int, float]]) -> set[tuple[str, str]]:
+    """Pairs of one lane of whom the one behind is faster by so much that it gets there within 15 s."""
+    return {
+        (f"o{a}", f"o{b}")
+        for (a, one), (b, two) in combinations(enumerate(others), 2)
+        if one[0] == two[0]
+        and 20.0 * abs(one[1] - two[1]) - LENGTH < 15.0 * (one[2] - two[2]) * np.sign(two[1] - one[1])
+    }
+
+
 @given(commands, places)
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@example([-4.888240954167173, 1.0255693392415353, 0.0, 0.0], [(-2, -12, 24.0), (-2, -13, 26.0)])
+@settings(
+    max_examples=25,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    deadline=None,
+    derandomize=True,
+)
 def test_whatever_the_ego_does_nobody_is_hit_who_was_not_before(
     scene: Make, car: Make, accelerations: list[float], others: list[tuple[int, int, float]]
 ) -> None:
@@ -214,7 +230,7 @@ def test_whatever_the_ego_does_nobody_is_hit_who_was_not_before(
     keeps = scene(ego, follower, *there, body=body, traffic=KEEPS)
     found = scene(ego, follower, *there, body=body)
     changed = {one.id for one in found.handed_over if one.lane_changes}
-    before = overlaps(keeps)
+    before = {*overlaps(keeps), *traces_that_meet(others)}
     assert [pair for pair in overlaps(found) if changed & set(pair) and pair not in before] == []
     for n in range(1, len(found.truth.ids)):
         assert_moves_as_vehicles_do(found, n)

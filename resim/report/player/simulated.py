@@ -63,8 +63,8 @@ def of_run(
     notes = []
     if len(seeds) > 1:
         notes.append(f"Of {len(seeds)} runs with the perception model, that of seed {seeds[0][5:]} is shown.")
-    notes += broken_off(report)
     drawn = {layer.name for layer in layers}
+    notes += [note for source, note in broken_off(report).items() if source in drawn]
     notes += [
         f"{source} is not shown: {why}"
         for source, why in report.failure.items()
@@ -77,13 +77,13 @@ def of_run(
     return PlayedDrive(report.recording, report.ego, network, tuple(layers), tuple(marks), tuple(notes))
 
 
-def broken_off(report: RunReport) -> list[str]:
+def broken_off(report: RunReport) -> dict[str, str]:
     """Say which runs ended before their scenario did: who sees their tracks alone takes them for whole drives."""
-    return [
-        f"{source} broke off ({end.replace('_', ' ')}): what would have followed is not known"
+    return {
+        source: f"{source} broke off ({end.replace('_', ' ')}): what would have followed is not known"
         for source, end in report.end.items()
         if end != "duration"
-    ]
+    }
 
 
 def _title(source: str) -> str:
