@@ -22,6 +22,7 @@ from resim.exports.mcap_file import Topic, scene_topics, write_topics
 from resim.exports.states import TimedMessage, derived, first_second, first_time, topic_of
 from resim.function.osmp import VERSION
 from resim.report.player import PlayedDrive
+from resim.report.player.drive import Layer
 
 FILE = "drive.mcap"
 MAP_MESSAGE = message_type(MAP_SCHEMA, dict.fromkeys(MAP_FIELDS, TEXT))
@@ -53,13 +54,14 @@ def _osi_topics(drive: PlayedDrive, first: int) -> Iterator[Topic]:
     told = MAP_MESSAGE(map_reference=road.name, open_drive_xml_content=_xml(road))
     yield _osi_topic(MAP, MAP_MESSAGE, (), [TimedMessage(begin, told.SerializeToString(deterministic=True))])
     for layer in drive.layers:
-        name, kind, make = osi_form(layer.name)
+        name, kind, make = osi_form(layer)
         yield _osi_topic(name, kind, derived(layer), make(layer, drive, first))
 
 
-def osi_form(source: str) -> tuple[str, Any, Callable[..., Iterator[TimedMessage]]]:
-    """Give topic, type of message and its maker of a source, by its name."""
-    if source == "SD" or source.startswith("perceived"):
+def osi_form(layer: Layer) -> tuple[str, Any, Callable[..., Iterator[TimedMessage]]]:
+    """Give topic, type of message and its maker of a source."""
+    source = layer.name
+    if layer.is_sensed:
         return SENSED if source == "SD" else topic_of(source), SensorData, osi.sensor_data
     if source in ("GT", "JSCEN"):
         return TRUTH, GroundTruth, osi.ground_truths

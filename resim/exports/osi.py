@@ -47,10 +47,9 @@ def write(drive: PlayedDrive, folder: Path) -> dict[str, str]:
     """
     first, files = first_second(drive), {}
     for layer in drive.layers:
-        sensed = layer.name == "SD" or layer.name.startswith("perceived")
         files[layer.name] = f"{topic_of(layer.name)}.osi"
         with (folder / files[layer.name]).open("wb") as stream:
-            for message in (sensor_data if sensed else ground_truths)(layer, drive, first):
+            for message in (sensor_data if layer.is_sensed else ground_truths)(layer, drive, first):
                 stream.write(len(message.body).to_bytes(4, "little") + message.body)
     return files
 
@@ -173,12 +172,9 @@ def _add(to: Any, everyone: Iterable[ExportedState], known: dict[str, int], ego:
         told = to.add()
         told.id.value = known[one.id]
         _set_base(told.base, one)
+        _set_kind(told, one.kind)
         if one.kind in VEHICLES:
-            told.type = MovingObject.TYPE_VEHICLE
-            told.vehicle_classification.type = VEHICLES[one.kind]
             told.vehicle_classification.role = _CIVIL
-        else:
-            told.type = MovingObject.TYPE_PEDESTRIAN if one.kind == "pedestrian" else MovingObject.TYPE_OTHER
         if one.id == ego:
             rear = told.vehicle_attributes.bbcenter_to_rear
             rear.x, rear.y, rear.z = -REAR_AXLE * one.length, 0.0, _WHEEL - 0.5 * one.height
@@ -219,12 +215,16 @@ def _detect(told: Any, one: ExportedState, own: ExportedState, back: float, numb
     vy = one.v * math.sin(one.heading) - own.v * s
     base.velocity.x, base.velocity.y = _turned(vx, vy, c, s)
     base.velocity.z = 0.0
-    candidate = told.candidate.add(probability=1.0)
-    if one.kind in VEHICLES:
-        candidate.type = MovingObject.TYPE_VEHICLE
-        candidate.vehicle_classification.type = VEHICLES[one.kind]
+    _set_kind(told.candidate.add(probability=1.0), one.kind)
+
+
+def _set_kind(told: Any, kind: str) -> None:
+    """The type of a moving object, or of what a detected one may be, and which vehicle it is."""
+    if kind in VEHICLES:
+        told.type = MovingObject.TYPE_VEHICLE
+        told.vehicle_classification.type = VEHICLES[kind]
     else:
-        candidate.type = MovingObject.TYPE_PEDESTRIAN if one.kind == "pedestrian" else MovingObject.TYPE_OTHER
+        told.type = MovingObject.TYPE_PEDESTRIAN if kind == "pedestrian" else MovingObject.TYPE_OTHER
 
 
 def _turned(x: float, y: float, c: float, s: float) -> tuple[float, float]:

@@ -193,7 +193,7 @@ def export_drive(
 
 def _labelled(layer: Layer, network: RoadNetwork) -> Layer:
     """A source with the maneuvers that `resim mine` finds in it; of what sensors perceived nothing is looked for."""
-    if layer.name == "SD" or layer.name.startswith("perceived"):
+    if layer.is_sensed:
         return layer
     found = features(layer.tracks, network)
     return replace(layer, maneuvers=maneuver_frame(layer.name, found, find_maneuvers(found)))
@@ -258,7 +258,7 @@ def _played(path: Path, accept: Collection[str]) -> PlayedDrive:
     layers = [replace(layer, tracks=layer.tracks.joined()) for layer in played.layers]
     described = path / "GT.jscen.json"
     for k, layer in enumerate(layers):
-        if "+M" in layer.name and not layer.name.startswith("perceived"):
+        if "+M" in layer.name and not layer.is_sensed:
             scenario = read_jscen(described)
             layers[k] = replace(layer, tracks=_with_traffic(layer.tracks, scenario, played.network))
     return replace(played, layers=tuple(layers))

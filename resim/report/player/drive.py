@@ -78,6 +78,11 @@ class Layer:
     assessed: DriveAssessment | None = None
     maneuvers: pd.DataFrame | None = None
 
+    @property
+    def is_sensed(self) -> bool:
+        """Whether it is what sensors saw, measured or simulated, and not where everybody was."""
+        return self.name == "SD" or self.name.startswith("perceived")
+
 
 @dataclass(frozen=True)
 class DriveVerdict:
