@@ -14,7 +14,6 @@ from typing import NamedTuple
 import pandas as pd
 
 from resim.core import remedies
-from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.provenance import versions
@@ -30,6 +29,7 @@ from resim.mining.find import find_maneuvers
 from resim.mining.rows import maneuver_frame
 from resim.recordings import Recording
 from resim.recordings.checked import load_checked
+from resim.recordings.window import rows_beyond
 from resim.report.player import PlayedDrive, of_recording
 from resim.report.player.drive import Layer
 from resim.report.player.simulated import broken_off
@@ -303,8 +303,8 @@ def _with_traffic(own: Tracks, scenario: Scenario, network: RoadNetwork) -> Trac
 
 def _not_described(source: str, tracks: pd.DataFrame, scenario: Scenario) -> Iterator[str]:
     """What a scenario does not have of the tracks that it describes: its time is the EGO's."""
-    own = tracks.loc[tracks["id"] == scenario.ego.id, "t"]
-    if len(own) and (more := int((~tracks["t"].between(own.min() - TICK, own.max() + TICK)).sum())):
+    own = tracks.loc[tracks["id"] == scenario.ego.id, "t"].to_numpy(float)
+    if len(own) and (more := rows_beyond(own, tracks)):
         yield f"{source}: {more} rows before the EGO's first or after its last are in no file"
     lost = sorted({*tracks["id"]} - {one.id for one in (scenario.ego, *scenario.objects)})
     if lost:

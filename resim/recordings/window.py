@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -29,11 +28,17 @@ def window_of(
     return begin, until
 
 
-def beyond_ego(times: Iterable[Floats], first: float, last: float) -> str:
-    """Say how many rows, by their times [s], lie before the EGO's first or after its last sample; "" for none."""
-    count = sum(int(((t < first - TICK) | (t > last + TICK)).sum()) for t in times)
-    if not count:
+def rows_beyond(own: Floats, *frames: pd.DataFrame) -> int:
+    """Give how many rows of track tables lie before the first or after the last of the EGO's own times (K,) [s]."""
+    first, last = own.min() - TICK, own.max() + TICK
+    return sum(int((~frame["t"].between(first, last)).sum()) for frame in frames)
+
+
+def beyond_ego(own: Floats, *frames: pd.DataFrame) -> str:
+    """Say what `rows_beyond` counts; "" for none."""
+    if not (count := rows_beyond(own, *frames)):
         return ""
+    first, last = own.min(), own.max()
     return (
         f"{count} rows before {first:g} s or after {last:g} s, where the EGO has none: kept, as they show that the "
         "drive lasted longer; --start and --end cut it"
@@ -49,15 +54,20 @@ def times_of(frame: pd.DataFrame, source: Path, ego: str) -> Floats:
     return own
 
 
+def limits(start: float | None, end: float | None) -> tuple[float, float]:
+    """Give the times [s] from which and up to which rows are taken, infinite where nobody cuts."""
+    return -np.inf if start is None else start - TICK, np.inf if end is None else end + TICK
+
+
 def asked_window(
     frame: pd.DataFrame, source: Path, *, ego: str, start: float | None, end: float | None
 ) -> tuple[float, float]:
-    """Give the times [s] from which and up to which a track table is to be taken, infinite where nobody cuts it.
+    """Give the `limits` within which a track table is to be taken.
 
     Raises InputError where a start or end is not within the EGO's times.
     """
     window_of(times_of(frame, source, ego), source, ego=ego, start=start, end=end)
-    return -np.inf if start is None else start - TICK, np.inf if end is None else end + TICK
+    return limits(start, end)
 
 
 def cut_window(

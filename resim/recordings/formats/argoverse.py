@@ -75,8 +75,7 @@ def read_argoverse(
             notes |= told
     file = scenario or source / "annotations.feather"
     gt, seen = _windowed(file, gt, seen, ego, start, end)
-    own = times_of(gt, file, ego)
-    if beyond := beyond_ego([gt["t"].to_numpy(float)], float(own.min()), float(own.max())):
+    if beyond := beyond_ego(times_of(gt, file, ego), gt):
         notes["without_ego"] = beyond
     check_extent(file, gt)
     check_times(file, gt)

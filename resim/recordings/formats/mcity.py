@@ -37,7 +37,7 @@ from resim.recordings.recording import sample_rate
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
 from resim.recordings.tables import complete_rows
-from resim.recordings.window import beyond_ego
+from resim.recordings.window import beyond_ego, limits
 from resim.road.opendrive import RoadNetwork, load
 
 KIND = {"2": "car", "10": "pedestrian"}
@@ -205,9 +205,9 @@ def _notes(
         yield "kinds", f"classes {', '.join(map(repr, strange[:10]))} of the truth taken as car"
     if not_ego:
         yield "not_the_ego", ", ".join(f"{name} ({why})" for name, why in list(not_ego.items())[:10])
-    own = gt.loc[gt["id"] == ego, "t"]
+    own = gt.loc[gt["id"] == ego, "t"].to_numpy(float)
     for name, frame in (("gt", gt), ("sd", sd)):
-        if beyond := beyond_ego([frame["t"].to_numpy(float)], float(own.min()), float(own.max())):
+        if beyond := beyond_ego(own, frame):
             yield f"{name}_without_ego", beyond
 
 
@@ -219,10 +219,8 @@ def _cut(data: Path, whole: RecordingTables, start: float | None, end: float | N
     if not 0.0 <= begin < until <= last + TICK or whole.sd is None:
         problem = f"lasts {last:g} s, the requested window is {begin:g} to {until:g} s"
         raise InputError(data, problem, "Choose a start and an end within it.")
-    low, high = -np.inf if start is None else start, np.inf if end is None else end
     gt, sd = (
-        _from_zero(frame[frame["t"].between(low - TICK, high + TICK)], begin)
-        for frame in (whole.gt, whole.sd)
+        _from_zero(frame[frame["t"].between(*limits(start, end))], begin) for frame in (whole.gt, whole.sd)
     )
     if sd.empty:
         raise InputError(data, f"has no sensor data from {begin:g} to {until:g} s", "Choose another window.")

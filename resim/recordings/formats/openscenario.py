@@ -71,8 +71,7 @@ def read_openscenario(
     low, high = asked_window(frame, xosc, ego=ego, start=start, end=end)
     frame = frame[frame["t"].between(low, high)]
     origin = float(frame["t"].min())
-    own = times_of(frame, xosc, ego)
-    beyond = beyond_ego([frame["t"].to_numpy(float)], float(own.min()), float(own.max()))
+    beyond = beyond_ego(times_of(frame, xosc, ego), frame)
     frame = frame.assign(t=np.round(frame["t"] - origin, 9))
     gt = Tracks.from_frame(frame.sort_values("t", kind="stable"))
     return Recording(

@@ -31,7 +31,7 @@ from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFo
 from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
-from resim.recordings.window import asked_window, beyond_ego
+from resim.recordings.window import asked_window, beyond_ego, times_of
 
 _VEHICLES = {
     2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer", 10: "motorcycle",
@@ -67,7 +67,7 @@ def read_osi(
     low, high = asked_window(gt, trace, ego=ego, start=start, end=end)
     gt = gt[gt["t"].between(low, high)]
     origin = float(gt["t"].min())
-    beyond = beyond_ego([gt["t"].to_numpy(float)], *gt.loc[gt["id"] == ego, "t"].agg(["min", "max"]).tolist())
+    beyond = beyond_ego(times_of(gt, trace, ego), gt)
     gt = gt.assign(t=np.round(gt["t"] - origin, 9))
     gt = gt.drop(columns=[c for c in OPTIONAL_COLUMNS if c in truth.derived or gt[c].isna().all()])
     told = {

@@ -46,7 +46,7 @@ from resim.recordings.settings import Settings
 from resim.recordings.sides import sides_swapped
 from resim.recordings.source import RecordingTables, check_extent
 from resim.recordings.tables import complete_rows
-from resim.recordings.window import beyond_ego, window_of
+from resim.recordings.window import beyond_ego, limits, window_of
 from resim.road.opendrive import RoadNetwork, load
 
 FOLLOWED = 3.0
@@ -331,10 +331,9 @@ def _windowed(
     first, last = float(own.min()), float(own.max())
     _check_common(gt, sd, ego, first, last)
     begin, until = window_of(own, gt[0].path, ego=ego, start=start, end=end)
-    low, high = -np.inf if start is None else start, np.inf if end is None else end
     out, notes = [], {}
     for name, tables in (("gt", gt), ("sd", sd)):
-        inside = [t.frame["t"].between(low - TICK, high + TICK).to_numpy() for t in tables]
+        inside = [t.frame["t"].between(*limits(start, end)).to_numpy() for t in tables]
         if lost := sum(int((~keep).sum()) for keep in inside):
             notes[f"{name}_outside"] = f"{lost} rows before {begin:g} s or after {until:g} s left out"
         kept = [
@@ -344,7 +343,7 @@ def _windowed(
         if lost := sum(int((~t.placed).sum()) for t in kept):
             text = f"{lost} rows at times at which the EGO has no sample: kept without a position"
             notes[f"{name}_without_place"] = text
-        if beyond := beyond_ego((t.frame["t"].to_numpy(float) for t in kept), first, last):
+        if beyond := beyond_ego(own, *(t.frame for t in kept)):
             notes[f"{name}_without_ego"] = beyond
         out.append(kept)
     return out[0], out[1], notes
