@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from resim.core.clock import TICK
 from resim.core.errors import InputError
 from resim.recordings.storyboard.catalogs import ScenarioCatalogs
 from resim.recordings.storyboard.curves import ScenarioCurve, scenario_curve
@@ -29,8 +30,6 @@ _GLOBAL = (
     "SetMonitorAction",
 )
 """Global actions that move nobody: triggers that would wait for them are refused."""
-_SOON = 1e-6
-"""s"""
 
 
 class Removal:
@@ -68,19 +67,21 @@ class StoryboardReader:
     ) -> None:  # fmt: skip
         """Read it; of events from the horizon [s] on, if there is one, only the triggers are. Raises InputError."""
         self._catalogs, self._places = catalogs, places
-        self._horizon = math.inf if horizon is None else horizon - _SOON
+        self._horizon = math.inf if horizon is None else horizon - TICK
         self.deeds: dict[str, list[Deed]] = {name: [] for name in entities}
         self._placed: dict[str, ScenarioPlace] = {}
         self._speeds: dict[str, float] = {}
         board = scenario.needed("Storyboard")
         self.end = self._stop(board)
-        self._horizon = min(self._horizon, never(self.end) - _SOON)
+        self._horizon = min(self._horizon, never(self.end) - TICK)
         self._read_init(board.needed("Init"))
         self._placed, self._speeds = {}, {}
+        begun = {name: len(own) for name, own in self.deeds.items()}
         for story in board.children("Story"):
             for act in story.children("Act"):
                 self._read_act(act)
-        for own in self.deeds.values():
+        for name, own in self.deeds.items():
+            _refuse_rivals(sorted(own[begun[name] :], key=lambda deed: deed.at))
             own.sort(key=lambda deed: deed.at)
 
     def _stop(self, board: ScenarioElement) -> float | None:
@@ -154,7 +155,7 @@ class StoryboardReader:
             _refuse_repeated(one)
             if one.get("priority") == "skip" and len(events) > 1:
                 raise one.refused("has priority 'skip' beside other events", "Expected parallel or override.")
-            later = bisect_right(stops, t + _SOON)
+            later = bisect_right(stops, t + TICK)
             stopped = stops[later] if later < len(stops) else math.inf
             for action in one.children("Action"):
                 self._do(action.only(), actors, t, min(until, stopped))
@@ -274,6 +275,22 @@ def _is_off(controller: ScenarioElement) -> bool:
     if controller.tag == "OverrideControllerValueAction":
         return not any(one.flag("active", True) for one in controller.children())
     return False
+
+
+def _refuse_rivals(deeds: list[Deed]) -> None:
+    """Of two actions of a story of one kind that begin at once, the player says which one drives.
+
+    deeds: of one entity, in the order of their times.
+    """
+    last: dict[type, Deed] = {}
+    for deed in deeds:
+        before = last.get(type(deed.what))
+        if before is not None and deed.at - before.at < TICK and before.element.xml is not deed.element.xml:
+            raise deed.element.refused(
+                f"begins at {deed.at:g} s, as another of its entity does (line {before.element.xml.sourceline}): the "
+                "player decides", "Keep one of the two.",
+            )  # fmt: skip
+        last[type(deed.what)] = deed
 
 
 def _refuse_repeated(one: ScenarioElement) -> None:

@@ -21,8 +21,6 @@ _STANDS = 0.01
 """m/s at a trajectory's end below which its entity stands there."""
 _EDGE = 1e-9
 """s by which a time may be outside of a stretch and still belong to it."""
-_AT_ONCE, _INIT = 1e-6, "Storyboard/Init"
-"""s within which two actions begin at once."""
 _NEAR = 1e-3
 """m within which who waits for its trajectory is on it."""
 
@@ -70,8 +68,7 @@ class EntityMotion:
                 f"is one of {len(deeds)} actions of its entity, expected up to {MOST_DEEDS}",
                 "Write its drive as one trajectory.",
             )
-        for k, deed in enumerate(deeds):
-            _refuse_rivals(deed, deeds[:k])
+        for deed in deeds:
             self._settle(deed.at)
             self._apply(deed)
         self._settle(end)
@@ -200,17 +197,6 @@ class EntityMotion:
     def _leave(self, why: str) -> None:
         self.left.append(why)
         self._place, self._over = None, True
-
-
-def _refuse_rivals(deed: Deed, before: list[Deed]) -> None:
-    """Of two actions of one kind that begin at once, the player says which one drives; Init comes first."""
-    for other in before:
-        same = type(other.what) is type(deed.what) and deed.at - other.at < _AT_ONCE
-        if same and not other.element.path.startswith(_INIT) and other.element.xml is not deed.element.xml:
-            raise deed.element.refused(
-                f"begins at {deed.at:g} s, as another of its entity does (line {other.element.xml.sourceline}): the "
-                "player decides", "Keep one of the two.",
-            )  # fmt: skip
 
 
 def _standing(place: ScenarioPlace, begin: float, end: float) -> Stretch:
