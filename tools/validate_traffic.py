@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from resim.core.overlaps import first_overlaps
 from resim.core.tracks import Tracks
 from resim.jobs.check import check
 from resim.jobs.traffic import make_traffic
 from resim.recordings import read_recording
 from resim.road.opendrive import RoadNetwork, load
-from resim.simulation.naturalistic.windows import overlaps
 
 ROOT = Path(__file__).parents[1]
 MAP = ROOT / "networks" / "motorway.xodr"
@@ -64,7 +64,7 @@ def measured(network: RoadNetwork, folder: Path) -> dict[str, object]:
         "cars": float(v[plain & car].mean()), "trucks": float(v[plain & ~car].mean()),
         "plain_v": pd.Series(v[plain]).groupby(row[plain]).mean().tolist(), "headway": headways(own, at, row, k, plain),
         "lasts": (changes["end"] - changes["start"]).tolist(), "findings": found,
-        "overlaps": len(overlaps(own)), "vehicles": len(own), "truck_share": float((own.kind == "truck").mean()),
+        "overlaps": len(first_overlaps(own)), "vehicles": len(own), "truck_share": float((own.kind == "truck").mean()),
         "late": crossed(network, own, changes),
     }  # fmt: skip
 

@@ -81,6 +81,16 @@ class Boxes(NamedTuple):
     width: ArrayLike
 
 
+def smooth_step(u: Floats) -> tuple[Floats, Floats, Floats]:
+    """Give 10 u³ - 15 u⁴ + 6 u⁵, from 0 to 1 while u (K,) does, and its first and second derivatives by u.
+
+    The polynomial of least jerk (Flash and Hogan 1985): at rest, and without acceleration, at either end and beyond.
+    """
+    u = np.clip(u, 0.0, 1.0)
+    f = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
+    return f, 30.0 * u**2 * (1.0 - u) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
+
+
 def boxes_overlap(one: Boxes, two: Boxes) -> Bools:
     """Say, element by element, whether two boxes overlap or touch (separating axes; NaN never overlaps)."""
     x, y, heading, length, width = one

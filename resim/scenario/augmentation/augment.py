@@ -10,6 +10,7 @@ import numpy as np
 
 from resim.core.distribution import RandomNumber
 from resim.core.geometry import Floats, wrap_angle
+from resim.core.overlaps import first_overlaps
 from resim.core.tracks import Tracks
 from resim.scenario.augmentation.motion import VariedMotion, vary_motion
 from resim.scenario.augmentation.settings import (
@@ -20,7 +21,6 @@ from resim.scenario.augmentation.settings import (
     Weather,
 )
 from resim.scenario.fit import fit_trace
-from resim.scenario.generation.generate import overlapping
 from resim.scenario.trace import Trace
 
 TRIES = 30
@@ -58,7 +58,7 @@ def augmentations(
     the origin's, so that noise of measurement does not add to the variation's.
     """
     rng = np.random.default_rng([seed, number])
-    allowed = {frozenset((n, m)) for n, m, _ in overlapping(tracks)}
+    allowed = {frozenset((n, m)) for n, m, _ in first_overlaps(tracks)}
     traces = [_trace(tracks, n) for n in range(len(tracks))]
     for attempt in range(TRIES):
         path, speed = _weaker(settings, 0.5 ** (attempt // 5))
@@ -73,7 +73,7 @@ def augmentations(
         made, types = _typed(_varied(tracks, moved), settings, rng)
         colors = {name: _color(rng) for name in tracks.ids.tolist()} if settings.colors else {}
         environment, weather = _environment(settings, rng)
-        new = {frozenset((n, m)) for n, m, _ in overlapping(made)}
+        new = {frozenset((n, m)) for n, m, _ in first_overlaps(made)}
         if new <= allowed and made.valid.any(axis=1).all():
             yield AugmentedDrive(made, colors, types, environment, weather, moments)
 

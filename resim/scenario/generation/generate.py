@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
+from resim.core.clock import regular
 from resim.core.errors import ResimError
-from resim.core.geometry import Boxes, Floats, boxes_overlap
+from resim.core.geometry import Floats
+from resim.core.overlaps import first_overlaps
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.generation.drive import GeneratedObject, object_motion, wrapped
@@ -51,7 +52,7 @@ def generate(recipe: Recipe, network: RoadNetwork) -> GeneratedDrive:
 
 def sample_times(duration: float, rate: float) -> Floats:
     """Give the times (T,) [s] from 0 to the duration [s], at so many samples a second [Hz]."""
-    return np.round(np.arange(int(np.floor(duration * rate + 1e-9)) + 1) / rate, 9)
+    return np.round(regular(0.0, duration, 1.0 / rate), 9)
 
 
 def _check_presence(recipe: Recipe, made: list[GeneratedObject], times: Floats) -> None:
@@ -83,35 +84,10 @@ def _tracks(made: list[GeneratedObject], times: Floats) -> Tracks:
 
 def _refuse_overlaps(recipe: Recipe, tracks: Tracks) -> None:
     allowed = {frozenset(pair) for pair in recipe.overlaps}
-    for n, m, t in overlapping(tracks):
+    for n, m, t in sorted(first_overlaps(tracks)):
         one, two = str(tracks.ids[n]), str(tracks.ids[m])
         if frozenset((one, two)) not in allowed:
             raise ResimError(
                 f"object {one!r}: overlaps {two!r} from t = {t:g} s on; move one of them, or allow it by "
                 f'overlaps = [["{one}", "{two}"]]'
             )
-
-
-def overlapping(tracks: Tracks) -> list[tuple[int, int, float]]:
-    """Give the rows of each pair whose boxes ever overlap, and when [s] they first do."""
-    out = []
-    for n, m in combinations(range(len(tracks)), 2):
-        reach = 0.5 * (
-            np.hypot(tracks.length[n], tracks.width[n]) + np.hypot(tracks.length[m], tracks.width[m])
-        )
-        near = np.flatnonzero(np.hypot(tracks.x[n] - tracks.x[m], tracks.y[n] - tracks.y[m]) < reach)
-        if not len(near):
-            continue
-        boxes = [
-            Boxes(
-                tracks.x[k, near],
-                tracks.y[k, near],
-                tracks.heading[k, near],
-                tracks.length[k],
-                tracks.width[k],
-            )
-            for k in (n, m)
-        ]
-        if (hit := np.flatnonzero(boxes_overlap(*boxes))).size:
-            out.append((n, m, float(tracks.t[near[hit[0]]])))
-    return out

@@ -1,7 +1,7 @@
 """A route by lanes as a curve: the centre lines of lanes, and from one to another in a smooth step.
 
-The step is 10 u³ - 15 u⁴ + 6 u⁵ over the length of the change, the polynomial without lateral speed and acceleration at
-either end. Between two lanes a place is (1 - f) a + f b, a and b their places at the same s.
+The step is `smooth_step` over the length of the change, without lateral speed and acceleration at either end. Between
+two lanes a place is (1 - f) a + f b, a and b their places at the same s.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from resim.core.errors import ResimError
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, smooth_step
 from resim.road.driven_route import Route
 from resim.road.lane_following import RouteStretch
 from resim.road.opendrive import RoadNetwork
@@ -71,7 +71,7 @@ class LanePiece:
         if not self.extent:
             return one
         two = turned * self.network.lane_curve(self.road, self.to_lane, s, self.to_offset)
-        f, df, ddf = _smooth_step((q - self.begun) / self.extent)
+        f, df, ddf = smooth_step((q - self.begun) / self.extent)
         df, ddf, off = df / self.extent, ddf / self.extent**2, two - one
         out = one + f * off
         out[2:4] += df * off[0:2]
@@ -84,13 +84,6 @@ class LanePiece:
         x, y, *_ = self.at(np.array([q]))[:, 0]
         ax, ay, *_ = self.network.lane_curve(self.road, self.lane, s, 0.0)
         return float(np.hypot(x - ax, y - ay) - 0.5 * self.network.lane_width(self.road, self.lane, s))
-
-
-def _smooth_step(u: Floats) -> tuple[Floats, Floats, Floats]:
-    """The step from 0 to 1 and its derivatives by u."""
-    u = np.clip(u, 0.0, 1.0)
-    f = u**3 * (10.0 - 15.0 * u + 6.0 * u * u)
-    return f, 30.0 * u**2 * (1.0 - u) ** 2, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
 
 
 class _Builder:

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from resim.core.errors import ResimError
-from resim.core.geometry import Boxes, Floats, boxes_overlap, wrap_angle
+from resim.core.geometry import Floats, wrap_angle
+from resim.core.overlaps import first_overlaps
 from resim.core.tracks import Tracks
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import sumo_net
@@ -102,8 +102,9 @@ def _window(
     times = sample_times(length, rate)
     laid = [vehicle for track in own if (vehicle := traffic.vehicle(track)) is not None]
     tracks = _tracks(laid, times, begin)
-    for name, other, t in overlaps(tracks):
-        traffic.gone.setdefault(_blamed(traffic, name, other), f"overlaps at {begin + t:.2f} s")
+    for n, m, t in first_overlaps(tracks):
+        blamed = _blamed(traffic, str(tracks.ids[n]), str(tracks.ids[m]))
+        traffic.gone.setdefault(blamed, f"overlaps at {begin + t:.2f} s")
     kept = [vehicle for vehicle in laid if vehicle.track.vehicle.id not in traffic.gone]
     tracks = tracks.select(
         [vehicle.track.vehicle.id for vehicle in kept if vehicle.track.vehicle.id in tracks.ids]
@@ -139,29 +140,6 @@ def _tracks(laid: Sequence[LaidVehicle], times: Floats, begin: float) -> Tracks:
         length=np.array([one.length for one in kept]), width=np.array([one.width for one in kept]),
         valid=np.isfinite(x), yaw_rate=yaw_rate, a=a,
     )  # fmt: skip
-
-
-def overlaps(tracks: Tracks) -> list[tuple[str, str, float]]:
-    """Give each pair whose boxes ever overlap, and when [s] they first do, in order of time."""
-    found: dict[tuple[int, int], float] = {}
-    half = 0.5 * np.hypot(tracks.length, tracks.width)
-    for k, t in enumerate(tracks.t.tolist()):
-        rows = np.flatnonzero(tracks.valid[:, k])
-        if len(rows) < 2:
-            continue
-        tree = cKDTree(np.column_stack([tracks.x[rows, k], tracks.y[rows, k]]))
-        pairs = rows[tree.query_pairs(2.0 * float(half[rows].max()), output_type="ndarray")]
-        if len(pairs):
-            one, two = (_boxes(tracks, pairs[:, side], k) for side in (0, 1))
-            for n, m in pairs[boxes_overlap(one, two)].tolist():
-                found.setdefault((n, m), t)
-    return [(str(tracks.ids[n]), str(tracks.ids[m]), t) for (n, m), t in found.items()]
-
-
-def _boxes(tracks: Tracks, rows: np.ndarray, k: int) -> Boxes:
-    return Boxes(
-        tracks.x[rows, k], tracks.y[rows, k], tracks.heading[rows, k], tracks.length[rows], tracks.width[rows]
-    )
 
 
 def _maneuvers(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, smooth_step
 from resim.simulation.reactive.ways import Line, Way
 
 _CHORD = 5.0
@@ -49,10 +49,9 @@ def leaving(way: Way, line: Line, station: float, length: float, target: Floats,
 
     target: offsets (P,) [m] at the points of the way's grid. until: station [m] at which the lane ends.
 
-    At a share p of the length it is 10 p³ - 15 p⁴ + 6 p⁵ of the way over: no jump in direction or curvature at either
-    end, and the least jerk (Flash and Hogan 1985).
+    It goes over by `smooth_step` of the share of the length: no jump in direction or curvature at either end.
     """
-    share = _over(np.clip((way.grid.s - station) / length, 0.0, 1.0))
+    share = smooth_step((way.grid.s - station) / length)[0]
     out = Aside(way, offset_of(way, line) * (1.0 - share) + target * share, station + length, until)
     out.returns, out.begin = not target.any(), float(np.interp(station, way.grid.s, out.offset))
     return out
@@ -61,10 +60,6 @@ def leaving(way: Way, line: Line, station: float, length: float, target: Floats,
 def offset_of(way: Way, line: Line) -> Floats:
     """Give how far (P,) [m] left of the points of its way's grid a line is."""
     return line.offset if isinstance(line, Aside) else np.zeros(len(way.grid.s))
-
-
-def _over(p: Floats) -> Floats:
-    return np.asarray(p**3 * (10.0 - 15.0 * p + 6.0 * p**2))
 
 
 def _direction(grid: Line) -> Floats:

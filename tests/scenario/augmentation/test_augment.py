@@ -13,6 +13,7 @@ import pytest
 from resim.core.distribution import RandomNumber, constant
 from resim.core.errors import InputError
 from resim.core.geometry import to_frame
+from resim.core.overlaps import first_overlaps
 from resim.jobs.augment import augment, shipped_augmentation
 from resim.jobs.check import check
 from resim.jobs.generate import generate_recording
@@ -24,7 +25,6 @@ from resim.scenario.augmentation.settings import (
     SpeedNoise,
     read_augmentation,
 )
-from resim.scenario.generation.generate import overlapping
 
 ROOT = Path(__file__).parents[3]
 Call = Callable[..., tuple[int, str, str]]
@@ -100,7 +100,7 @@ def test_variations_have_no_overlaps_and_no_findings_and_the_truth_of_their_orig
     for folder in sorted((tmp_path / "out").iterdir()):
         found = read_recording(folder)
         assert not check(folder).findings
-        assert not overlapping(found.gt)
+        assert not first_overlaps(found.gt)
         truth = pd.read_csv(folder / "truth.csv")
         assert (truth["recording"].astype(str).str.zfill(3) == folder.name).all()
         assert found.provenance["colors"].count("#") == len(found.gt)

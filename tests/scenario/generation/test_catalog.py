@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scenario.generation.appendix_1 import ROWS
 
+from resim.core.overlaps import first_overlaps
 from resim.jobs.generate import generate_recording, recipes_in
 from resim.recordings import read_recording
 from resim.road.opendrive import load
-from resim.scenario.generation.generate import generate, overlapping
+from resim.scenario.generation.generate import generate
 from resim.scenario.generation.recipe import read_recipe
 from resim.scenario.scenario import describe
 
@@ -49,7 +50,7 @@ def test_a_recipe_is_made_without_findings(path: Path, tmp_path: Path) -> None:
     drive = generate(recipe, load(recipe.map_file(path)))
     pairs = {
         frozenset((str(drive.tracks.ids[n]), str(drive.tracks.ids[m])))
-        for n, m, _ in overlapping(drive.tracks)
+        for n, m, _ in first_overlaps(drive.tracks)
     }
     assert pairs == {frozenset(pair) for pair in recipe.overlaps}
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from resim.core.errors import InputError
+from resim.core.overlaps import first_overlaps
 from resim.jobs.check import check
 from resim.jobs.traffic import make_traffic
 from resim.recordings import read_recording
@@ -20,7 +21,6 @@ from resim.road.sumo import sumo_net
 from resim.simulation.naturalistic.demand import read_edges, routes_from, spawn
 from resim.simulation.naturalistic.lay import SampledSpeed
 from resim.simulation.naturalistic.settings import read_naturalistic
-from resim.simulation.naturalistic.windows import overlaps
 
 ROOT = Path(__file__).parents[3]
 Call = Callable[..., tuple[int, str, str]]
@@ -59,7 +59,7 @@ def test_recordings_have_no_finding_and_nobody_overlaps(made: tuple[str, Path]) 
         assert not check(folder).findings
         gt = read_recording(folder).gt
         assert len(gt) > 10
-        assert not overlaps(gt)
+        assert not first_overlaps(gt)
         assert gt.t[-1] == 30.0
 
 
