@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from xml.etree import ElementTree
 
-from lxml import etree
-from map_parts import DATE, GEO_REFERENCE, mark
+from map_parts import finished, mark
 from motorway import motorway
 from scenariogeneration import xodr
 from urban import urban
@@ -91,24 +89,17 @@ def road_2() -> xodr.Road:
 
 
 def proving_ground() -> bytes:
-    """Give the file. scenariogeneration dates the header and leaves an empty lateralProfile: mended here."""
+    """Give the file."""
     first, second = road_1(), road_2()
     first.add_successor(xodr.ElementType.road, 2, xodr.ContactPoint.start)
     second.add_predecessor(xodr.ElementType.road, 1, xodr.ContactPoint.end)
     for road in (first, second):
         road.add_elevation(0.0, 0.0, 0.0, 0.0, 0.0)
-    network = xodr.OpenDrive("proving_ground", revMajor="1", revMinor="6", geo_reference=GEO_REFERENCE)
-    network.add_road(first)
-    network.add_road(second)
-    network.adjust_roads_and_lanes()
-    root = etree.fromstring(ElementTree.tostring(network.get_element()))
-    header = root.find("header")
-    assert header is not None
-    header.set("date", DATE)
-    for profile in root.findall("road/lateralProfile"):
-        profile.getparent().remove(profile)
-    etree.indent(root, "  ")
-    return etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n"
+    placed = xodr.OpenDrive("proving_ground")
+    placed.add_road(first)
+    placed.add_road(second)
+    placed.adjust_roads_and_lanes()
+    return finished("proving_ground", (first, second))
 
 
 MAPS = {"proving_ground": proving_ground, "motorway": motorway, "urban": urban}
