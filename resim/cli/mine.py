@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, app, command
-from resim.cli.terminal import add_to_json, counted, say
+from resim.cli.terminal import add_to_json, say
+from resim.core.spelling import counted
 
 if TYPE_CHECKING:
     from resim.jobs.mine import MiningResult

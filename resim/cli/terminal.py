@@ -76,11 +76,6 @@ def say(text: str, *, err: bool = False) -> None:
         typer.echo(visible(text), err=err)  # noqa: TID251
 
 
-def counted(number: int, noun: str) -> str:
-    """Give a number of things in words: "1 scenario", "2 scenarios"."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def show(text: str) -> None:
     """Print what a child printed, colours and all, if text is wanted."""
     if is_text_wanted():

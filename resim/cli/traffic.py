@@ -9,7 +9,8 @@ import typer
 
 from resim.cli.app import app, command
 from resim.cli.inputs import A_MAP
-from resim.cli.terminal import add_to_json, counted, say
+from resim.cli.terminal import add_to_json, say
+from resim.core.spelling import counted
 
 if TYPE_CHECKING:
     from resim.jobs.traffic import TrafficRecording

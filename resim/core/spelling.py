@@ -1,4 +1,4 @@
-"""What a misspelt name may have meant."""
+"""What a misspelt name may have meant, and numbers of things in words."""
 
 from __future__ import annotations
 
@@ -35,3 +35,8 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
     names = list(known)
     alike = did_you_mean(name, names)
     return f"there is no {what} {name!r}{f'{alike} There' if alike else '; there'} are: {', '.join(names)}"
+
+
+def counted(number: int, noun: str) -> str:
+    """Give a number of things in words: "1 scenario", "2 scenarios"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from resim.core.errors import InputError
 from resim.core.files import plain_names
 from resim.core.schema import COLUMNS, EXISTENCE, GT_ID, OPTIONAL_COLUMNS, REPAIRED, TOLD
-from resim.core.spelling import did_you_mean, nearest
+from resim.core.spelling import counted, did_you_mean, nearest
 from resim.core.tracks import KINDS
 
 FILLED = (
@@ -253,7 +253,7 @@ def _refuse(
     shown = repr(value) if isinstance(value, str) else f"{value}"
     meant = did_you_mean(str(value), known)
     others = len(rows) - 1
-    more = f" (and {others} more row{'s' if others > 1 else ''})" if others else ""
+    more = f" (and {counted(others, 'more row')})" if others else ""
     raise InputError(
         path, row_problem(frame, rows[0], f"{column} is {shown}, expected {expected}{more}{meant}")
     )

@@ -95,11 +95,11 @@ def _over_seeds(perception: PerceptionReport) -> list[str]:
     seeds = perception.seeds
     return [
         seeds_badge(perception),
-        _counted([decision_words(s.decision) for s in seeds]),
+        tallied([decision_words(s.decision) for s in seeds]),
         middle(seeds, "reaction", "s", missing="do not brake"),
         middle(seeds, "reaction_difference", "s", sign="+"),
-        _counted([Markup("<b>yes</b>") if s.collision else "none" for s in seeds]),
-        _counted([end_words(s.end) for s in seeds]),
+        tallied([Markup("<b>yes</b>") if s.collision else "none" for s in seeds]),
+        tallied([end_words(s.end) for s in seeds]),
         middle(seeds, "end_position_error", "m", missing="ended before"),
     ]
 
@@ -111,8 +111,8 @@ def seeds_badge(perception: PerceptionReport) -> Markup:
     return html('<span class="badge {}">{} {} of {} seeds decide as measured</span>', css, sign, same, every)
 
 
-def _counted(words: Sequence[str]) -> Markup:
-    """Each of the words with how many seeds it is of, the most frequent first; without, where it is of all."""
+def tallied(words: Sequence[str]) -> Markup:
+    """Give each of the words with how many runs it is of, the most frequent first; just it, if it is of all."""
     counts = Counter(words).most_common()
     told = (html("{} ({} of {})", word, n, len(words)) if n < len(words) else word for word, n in counts)
     return join(told, "; ")

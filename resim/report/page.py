@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from resim.core.spelling import counted
 from resim.report import tables
 from resim.report.document import document
 from resim.report.markup import Markup, html, join
@@ -55,7 +56,7 @@ def _header(look: View) -> Markup:
             " and ".join(name.removeprefix("r") for name in result.simulated())
             + ("" if result.recording.sd is not None else " (no sensor data)"),
         ),
-        ("EGO", f"{look.ego}, with {len(objects)} traffic object{'' if len(objects) == 1 else 's'}"),
+        ("EGO", f"{look.ego}, with {counted(len(objects), 'traffic object')}"),
         (
             "time",
             f"{look.span[0]:.2f} s to {look.span[1]:.2f} s"

@@ -10,6 +10,7 @@ import pandas as pd
 
 from resim.core.objects import GAP
 from resim.core.plugins.unlisted_files import NOT_OF_HASH
+from resim.core.spelling import counted
 from resim.core.tracks import Tracks
 from resim.recordings import Recording
 from resim.recordings.checked import by_code, finding_lines
@@ -86,8 +87,7 @@ def handed_over(found: Sequence[HandedOver]) -> str:
         for one in hardest
     ]
     more = f"; and {len(found) - _TOLD} times more, braking no harder" if len(found) > _TOLD else ""
-    many = f"{len(ids)} traffic object{'s' if len(ids) != 1 else ''}"
-    return f"{many} {HANDED_OVER}, not as measured: {'; '.join(told)}{more}"
+    return f"{counted(len(ids), 'traffic object')} {HANDED_OVER}, not as measured: {'; '.join(told)}{more}"
 
 
 def _changes(one: HandedOver) -> str:

@@ -9,6 +9,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
+from resim.core.spelling import counted
 from resim.recordings.mapped.rows import SourceTable, calendar_seconds
 
 EVEN = 0.5
@@ -54,7 +55,7 @@ def id_like(rows: SourceTable, taken: set[str], t: Floats | None) -> list[Candid
         if t is not None and pd.DataFrame({"t": t, "id": values}).loc[own.index].duplicated().any():
             continue
         once = "" if t is None else ", none twice at a time"
-        found.append((count, column, f"{count} value{'' if count == 1 else 's'} in {len(own)} rows{once}"))
+        found.append((count, column, f"{counted(count, 'value')} in {len(own)} rows{once}"))
     return [(column, why) for _, column, why in sorted(found, key=lambda one: -one[0])]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from resim.core.spelling import counted
 from resim.report.markup import Markup, html, join
 from resim.report.plots import number
 from resim.road.flaws import SEVERITIES, Flaw
@@ -27,7 +28,7 @@ def flaws_section(flaws: Sequence[Flaw]) -> Markup:
         html("<tr><td>{}</td><td>{}</td><td>{}</td></tr>", flaw.severity, flaw.code, flaw.text) for flaw in flaws[:MOST]
     ]  # fmt: skip
     counts = ", ".join(
-        f"{number} {severity}{'s' if number > 1 else ''}"
+        counted(number, severity)
         for severity in SEVERITIES if (number := sum(flaw.severity == severity for flaw in flaws))
     )  # fmt: skip
     return html('<p class="line">{}.</p>', counts) + _table(("", "code", "what"), rows, len(flaws))

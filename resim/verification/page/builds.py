@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from resim.metrics.measures.registry import MEASURES
 from resim.report.markup import Markup, html, join
+from resim.report.outcome import tallied
 from resim.report.tables import decision_words
 from resim.verification.cases import BuildTraces, Traces
 from resim.verification.entries import ComparedRecording
@@ -14,7 +15,6 @@ from resim.verification.page.cells import (
     NONE,
     badge,
     bullets,
-    counted,
     filters,
     link,
     row,
@@ -124,7 +124,7 @@ def _row(r: RecordingResult) -> Markup:
     pairs = r.pairs
     cells = [
         link(r.name), badge(r.verdict), _kpis([p.lost for p in pairs]), _kpis([p.gained for p in pairs]),
-        *(counted([decision_words(p.decisions[k]) for p in pairs]) for k in (0, 1)),
+        *(tallied([decision_words(p.decisions[k]) for p in pairs]) for k in (0, 1)),
         spread([p.risk for p in pairs], 3, ""), second(r.t),
         report_links(r, "before", "now") or NONE,
     ]  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -80,13 +79,6 @@ def spread(values: Sequence[float | None], digits: int, unit: str, sign: bool = 
     if low == high:
         return f"{middle}{space}"
     return html("{}{} <i>({} to {})</i>", middle, space, low, high)
-
-
-def counted(words: Sequence[str]) -> Markup:
-    """Give each of the words with how many runs it is of, the most frequent first; just it, if it is of all."""
-    counts = Counter(words).most_common()
-    told = (html("{} ({} of {})", word, n, len(words)) if n < len(words) else word for word, n in counts)
-    return join(told, "; ")
 
 
 def share(found: SeedShare) -> Markup:

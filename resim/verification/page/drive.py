@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from urllib.parse import quote
 
 from resim.report.markup import Markup, html, join
+from resim.report.outcome import tallied
 from resim.report.tables import decision_words
 from resim.resimulation.traces import SpeedTraces
 from resim.verification.compare import SimulatedSource
@@ -25,7 +26,6 @@ from resim.verification.page.cells import (
     anchor,
     badge,
     bullets,
-    counted,
     row,
     rows_table,
     second,
@@ -97,7 +97,7 @@ def reason(entry: RecordingResult) -> str:
 def decisions(entry: VerifiedRecording, way: SimulatedSource) -> str:
     """Give what the EGO did in the simulation, over seeds with how many of them."""
     found = entry.decision.each().get(way)
-    return counted([decision_words(one) for one in found]) if found else NONE
+    return tallied([decision_words(one) for one in found]) if found else NONE
 
 
 def first_braking(runs: Sequence[ComparedRun]) -> str:
