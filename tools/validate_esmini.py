@@ -2,8 +2,8 @@
 
 ESMINI: the program. DATA: folder with real recordings; those that ship are played without. What `resim export` writes
 is played, and what EXAMPLES (esmini's `resources/xosc`, which name their maps) hold is imported and compared with how
-esmini plays it, reference points with reference points. esmini passes over vertices within 0.1 m of each other unless
-told otherwise (`--traj_filter 0`).
+esmini plays it, reference points with reference points. The lanes in which esmini has everybody are held against ours.
+esmini passes over vertices within 0.1 m of each other unless told otherwise (`--traj_filter 0`).
 """
 
 from __future__ import annotations
@@ -18,14 +18,21 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
-from validate_openscenario import drives
+from validate_openscenario import ROOT, drives
 
 from resim.core.errors import InputError
 from resim.jobs.export import export_openscenario
+from resim.jobs.generate import generate_recording
 from resim.recordings.formats.openscenario import EGOS, read_openscenario
+from resim.road.opendrive import load
 
 STEP = 0.01
 """s of esmini's clock."""
+COLUMNS = {
+    "World_Position_X": "x", "World_Position_Y": "y", "World_Heading_Angle": "heading", "bb_x": "ahead", "bb_y": "left",
+    "lane_id": "lane", "lane_offset": "offset",
+}  # fmt: skip
+"""Of esmini's log, without units, and what they are called here."""
 
 
 def play(esmini: Path, file: Path, until: float, home: Path) -> dict[str, pd.DataFrame]:
@@ -47,13 +54,6 @@ def play(esmini: Path, file: Path, until: float, home: Path) -> dict[str, pd.Dat
 def by_entity(keys: list[str], rows: list[list[str]], until: float) -> dict[str, pd.DataFrame]:
     """The log has a group of columns for each entity, as many as there are in that row."""
     groups = [k for k, key in enumerate(keys) if key.endswith("Entity_Name [-]")]
-    wanted = (
-        "World_Position_X [m]",
-        "World_Position_Y [m]",
-        "World_Heading_Angle [rad]",
-        "bb_x [m]",
-        "bb_y [m]",
-    )
     found: dict[str, list[tuple[float, ...]]] = {}
     for row in rows:
         t = float(row[1])
@@ -63,12 +63,44 @@ def by_entity(keys: list[str], rows: list[list[str]], until: float) -> dict[str,
             if k >= len(row) or not row[k]:
                 continue
             stem = keys[k].split(" ")[0]
-            values = [float(row[keys.index(f"{stem} {one}", k)]) for one in wanted]
+            values = [float(row[column(keys, f"{stem} {one}", k)]) for one in COLUMNS]
             found.setdefault(row[k], []).append((t, *values))
-    return {
-        name: pd.DataFrame(own, columns=["t", "x", "y", "heading", "ahead", "left"])
-        for name, own in found.items()
-    }
+    return {name: pd.DataFrame(own, columns=["t", *COLUMNS.values()]) for name, own in found.items()}
+
+
+def column(keys: list[str], name: str, first: int) -> int:
+    """Which column has a name, units aside, from a group's first on; spaces differ from group to group."""
+    told = name.replace(" ", "")
+    return next(k for k in range(first, len(keys)) if keys[k].replace(" ", "").startswith(told))
+
+
+def told_lanes(esmini: Path, named: dict[str, Path], home: Path) -> None:
+    """In which lane, and how far from its centre, esmini and resim have the reference points of everybody."""
+    head = "samples | on lanes | same lane | offsets differ by, median [mm] | 99.9 % [mm]"
+    print(f"\n| drive | {head} |\n|---|---|---|---|---|---|")
+    for name, drive in named.items():
+        report = export_openscenario(drive, home / "out")
+        try:
+            log = pd.concat(play(esmini, home / "out" / report.sources["GT"], np.inf, home).values())
+        except InputError as e:
+            print(f"| {name} | {e.problem} | | | | |")
+            continue
+        found = load(home / "out" / report.map).to_road(log.x, log.y, heading=log.heading)
+        on = found.on_road
+        same = on & (found.lane == log.lane)
+        differ = 1e3 * np.abs(found.t - log.offset)[same]
+        told = f"{100 * on.mean():.1f} % | {100 * same.sum() / on.sum():.2f} %"
+        most = np.quantile(differ, 0.999)
+        print(f"| {name} | {len(log)} | {told} | {np.median(differ):.2f} | {most:.1f} |", flush=True)
+
+
+def recipes(home: Path) -> dict[str, Path]:
+    """Every eighth of the recipes that ship, generated."""
+    found = {}
+    for recipe in sorted((ROOT / "scenarios" / "catalog" / "generate").glob("*.toml"))[::8]:
+        generate_recording(recipe, home / recipe.stem)
+        found[recipe.stem] = home / recipe.stem
+    return found
 
 
 def off(gt: pd.DataFrame, played: pd.DataFrame) -> float:
@@ -97,7 +129,8 @@ def main(esmini: Path, data: Path, examples: Path | None) -> None:
     print("| drive | files | entities | esmini's difference, largest [mm] |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
-        for name, drive in drives(data, home).items():
+        known = drives(data, home)
+        for name, drive in known.items():
             report = export_openscenario(drive, home / "out")
             try:
                 found = [compare(home / "out" / one, esmini, home) for one in report.sources.values()]
@@ -106,6 +139,7 @@ def main(esmini: Path, data: Path, examples: Path | None) -> None:
                 continue
             count, far = max(one for one, _ in found), max(one for _, one in found)
             print(f"| {name} | {len(found)} | {count} | {1e3 * far:.4f} |", flush=True)
+        told_lanes(esmini, {**known, **recipes(home / "recipes")}, home)
         if examples is not None:
             told_examples(esmini, examples, home)
 
