@@ -19,9 +19,9 @@ from resim.perception.training.errors import MEASURED, ObjectErrors
 from resim.perception.training.residuals import OwnErrorSamples, Residuals, of_mean, of_spread, residuals_of
 from resim.perception.training.samples import TrainingSamples
 from resim.perception.training.single import (
-    CommonOffset,
-    CommonSpread,
     SingleStatistic,
+    common_offset,
+    common_spread,
     latencies,
     tails,
     together,
@@ -64,8 +64,8 @@ def _tests(quantity: Quantity, r: Residuals, objects: ObjectErrors) -> Iterator[
     lags = {1, max(round(LAG / r.step), 1)}
     yield from (white(quantity, r, lag) for lag in sorted(lags))
     yield together(quantity, r)
-    yield CommonOffset(quantity, r)
-    yield CommonSpread(quantity, r)
+    yield common_offset(quantity, r)
+    yield common_spread(quantity, r)
     yield latencies(quantity, r)
     yield Dependence(quantity, r, *of_mean(r), spread=False)
     yield Dependence(quantity, r, *of_spread(r, objects), spread=True)

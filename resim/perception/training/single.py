@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
@@ -32,34 +33,27 @@ ONE_DRIVE = "one drive"
 """On what errors are together that all objects of a drive share."""
 
 
+@dataclass(frozen=True, eq=False)
 class SingleStatistic:
-    """One statistic: the mean of something over its weight that is 0 in a model that fits.
+    """One statistic that is 0 in a model that fits.
 
-    sums, weights: (R,) by row; variance: of the sum by the model.
+    Attributes:
+        quantity: Of which errors.
+        assumption: What it tests.
+        r: The residuals.
+        value: The statistic.
+        p: The chance of one so large where the model fits.
+        on: Over what.
+        count: 1, or 0 where there was nothing to test.
     """
 
-    count = 1
-
-    def __init__(
-        self, quantity: Quantity, assumption: Assumption, r: Residuals, sums: Floats, weights: Floats,
-        variance: float, *, one_sided: bool, on: str = "",
-    ) -> None:  # fmt: skip
-        rows = weights > 0.0
-        drives = r.drive[rows]
-        total, weight = float(sums.sum()), float(weights.sum())
-        self.quantity, self.assumption, self.on, self.r = quantity, assumption, on, r
-        self.value, self.p = 0.0, 1.0
-        if len(np.unique(drives)) < FEWEST:
-            self.count = 0
-            return
-        self.value = total / weight
-        by, weigh = by_drive(sums[rows] - self.value * weights[rows], drives), by_drive(weights[rows], drives)
-        se = max(
-            np.sqrt(variance) / weight,
-            float(np.sqrt(between_drives(by[:, None], weigh[:, None, None])[0, 0])),
-        )
-        z = self.value / se
-        self.p = float(student.sf(z if one_sided else abs(z), len(by) - 1)) * (1.0 if one_sided else 2.0)
+    quantity: Quantity
+    assumption: Assumption
+    r: Residuals
+    value: float = 0.0
+    p: float = 1.0
+    on: str = ""
+    count: int = 1
 
     def failures(self, level: float) -> Iterator[FailedAssumption]:
         """Give the misfit, where there is one."""
@@ -132,6 +126,29 @@ def _beyond(r: Residuals) -> tuple[float, float]:
     return float(np.quantile(errors, 0.999)), float(np.mean(sizes > 3.0))
 
 
+def _mean(
+    quantity: Quantity, assumption: Assumption, r: Residuals, sums: Floats, weights: Floats,
+    variance: float, *, one_sided: bool, on: str = "",
+) -> SingleStatistic:  # fmt: skip
+    """Give the mean of something over its weight.
+
+    sums, weights: (R,) by row; variance: of the sum by the model.
+    """
+    rows = weights > 0.0
+    drives = r.drive[rows]
+    total, weight = float(sums.sum()), float(weights.sum())
+    if len(np.unique(drives)) < FEWEST:
+        return SingleStatistic(quantity, assumption, r, on=on, count=0)
+    value = total / weight
+    by, weigh = by_drive(sums[rows] - value * weights[rows], drives), by_drive(weights[rows], drives)
+    se = max(
+        np.sqrt(variance) / weight, float(np.sqrt(between_drives(by[:, None], weigh[:, None, None])[0, 0]))
+    )
+    z = value / se
+    p = float(student.sf(z if one_sided else abs(z), len(by) - 1)) * (1.0 if one_sided else 2.0)
+    return SingleStatistic(quantity, assumption, r, value, p, on)
+
+
 def tails(quantity: Quantity, r: Residuals) -> SingleStatistic:
     """The fourth Hermite polynomial of errors, which their variance does not move, clipped: only heavy tails count."""
     z = np.clip(_scaled(r), -CLIP, CLIP)
@@ -139,9 +156,7 @@ def tails(quantity: Quantity, r: Residuals) -> SingleStatistic:
         r.known, z**4 - 6.0 * z**2 + 3.0, np.where(r.outlier, CLIP**4 - 6.0 * CLIP**2 + 3.0, 0.0)
     )
     number = (r.known | r.outlier).sum(axis=1).astype(float)
-    return SingleStatistic(
-        quantity, "tails", r, value.sum(axis=1), number, 24.0 * number.sum(), one_sided=True
-    )
+    return _mean(quantity, "tails", r, value.sum(axis=1), number, 24.0 * number.sum(), one_sided=True)
 
 
 def white(quantity: Quantity, r: Residuals, lag: int) -> SingleStatistic:
@@ -150,7 +165,7 @@ def white(quantity: Quantity, r: Residuals, lag: int) -> SingleStatistic:
     z = _scaled(r)
     products = np.where(both, z[:, lag:] * z[:, :-lag], 0.0).sum(axis=1)
     number = both.sum(axis=1).astype(float)
-    return SingleStatistic(
+    return _mean(
         quantity, "white", r, products, number, number.sum(), one_sided=False, on=f"{lag * r.step:.2g} s"
     )
 
@@ -165,43 +180,35 @@ def together(quantity: Quantity, r: Residuals) -> SingleStatistic:
         z = scaled[rows][known]
         one, square, number = (np.bincount(lists, v) for v in (z, z**2, np.ones(len(z))))
         sums[rows[0]], pairs[rows[0]] = ((one**2 - square) / 2.0).sum(), (number * (number - 1.0) / 2.0).sum()
-    return SingleStatistic(quantity, "together", r, sums, pairs, pairs.sum(), one_sided=True)
+    return _mean(quantity, "together", r, sums, pairs, pairs.sum(), one_sided=True)
 
 
-class CommonOffset(SingleStatistic):
+def common_offset(quantity: Quantity, r: Residuals) -> SingleStatistic:
     """Do the mean errors of objects differ more from drive to drive than within one? Each object has the weight that
     the model gives its mean."""
-
-    def __init__(self, quantity: Quantity, r: Residuals) -> None:
-        constant = r.columns["constant"]
-        known = np.einsum("rt,rt->r", constant, constant)
-        mean = np.einsum("rt,rt->r", constant, r.z) / np.maximum(known, 1e-300)
-        _of_drives(self, quantity, "together", r, mean, known)
+    constant = r.columns["constant"]
+    known = np.einsum("rt,rt->r", constant, constant)
+    mean = np.einsum("rt,rt->r", constant, r.z) / np.maximum(known, 1e-300)
+    return _of_drives(quantity, "together", r, mean, known)
 
 
-class CommonSpread(SingleStatistic):
+def common_spread(quantity: Quantity, r: Residuals) -> SingleStatistic:
     """Do the sizes of errors differ more from drive to drive than from object to object within one?"""
-
-    def __init__(self, quantity: Quantity, r: Residuals) -> None:
-        number = r.known.sum(axis=1).astype(float)
-        square = np.where(r.known, np.minimum(r.z**2, CLIP**2), 0.0).sum(axis=1)
-        level = np.log(np.maximum(square / np.maximum(number, 1.0), 1e-3))
-        _of_drives(self, quantity, "spread", r, level, np.where(number < FEWEST_SAMPLES, 0.0, number))
+    number = r.known.sum(axis=1).astype(float)
+    square = np.where(r.known, np.minimum(r.z**2, CLIP**2), 0.0).sum(axis=1)
+    level = np.log(np.maximum(square / np.maximum(number, 1.0), 1e-3))
+    return _of_drives(quantity, "spread", r, level, np.where(number < FEWEST_SAMPLES, 0.0, number))
 
 
 def _of_drives(
-    one: SingleStatistic,
-    quantity: Quantity,
-    assumption: Assumption,
-    r: Residuals,
-    mean: Floats,
-    weight: Floats,
-) -> None:
-    """Make a statistic of how much drives add to the variance of means (R,) of objects."""
-    one.quantity, one.assumption, one.on, one.r = quantity, assumption, ONE_DRIVE, r
+    quantity: Quantity, assumption: Assumption, r: Residuals, mean: Floats, weight: Floats
+) -> SingleStatistic:
+    """Give how much drives add to the variance of means (R,) of objects."""
     found = drive_effect(mean, weight, r.drive)
-    one.count = 0 if found is None else 1
-    one.p, one.value = (1.0, 0.0) if found is None else found
+    if found is None:
+        return SingleStatistic(quantity, assumption, r, on=ONE_DRIVE, count=0)
+    p, value = found
+    return SingleStatistic(quantity, assumption, r, value, p, ONE_DRIVE)
 
 
 def latencies(quantity: Quantity, r: Residuals) -> SingleStatistic:
@@ -214,6 +221,4 @@ def latencies(quantity: Quantity, r: Residuals) -> SingleStatistic:
     score = score - known * score.sum() / max(float(known.sum()), 1e-12)
     known = np.where(known > 1e-3 * known.max(initial=0.0), known, 0.0)
     sums = np.where(known > 0.0, score**2 - known, 0.0)
-    return SingleStatistic(
-        quantity, "latency", r, sums, known**2, float(2.0 * (known**2).sum()), one_sided=True
-    )
+    return _mean(quantity, "latency", r, sums, known**2, float(2.0 * (known**2).sum()), one_sided=True)
