@@ -106,18 +106,19 @@ def with_ego(
     name = _longest(window.tracks, ego.settings.kind)
     if name is None:
         return None
-    part = _cut(window, name)
+    part = _cut(window, name, ego.settings.around)
     if ego.build is None:
         assert ego.perception is not None
-        sensed = sense_vehicle(part.tracks, name, ego.perception, seed)
+        sensed = sense_vehicle(part.tracks, name, ego.perception, ego.settings.sight, seed)
         recording = Recording(
             name="", map=network.path, ego=name, gt=part.tracks, gt_rate=rate, sd=sensed.tracks, sd_rate=rate,
             sd_gt_id=sensed.gt_id,
         )  # fmt: skip
         return EgoWindow(recording, part)
+    said = ego.settings
     task = DriveTask(
-        network.path, part.tracks, name, ego.build, ego.perception, ego.settings.vehicle, ego.settings.reactive, seed,
-    )  # fmt: skip
+        network.path, part.tracks, name, ego.build, ego.perception, said.sight, said.vehicle, said.reactive, seed
+    )
     driven = in_child(drive_vehicle, task)
     if len(driven.tracks.t) < FEWEST:
         return None
@@ -138,13 +139,16 @@ def _longest(tracks: Tracks, kind: str) -> str | None:
     return str(tracks.ids[row]) if len(lasts) and lasts[row] >= FEWEST else None
 
 
-def _cut(window: TrafficWindow, ego: str) -> TrafficWindow:
-    """The window as long as somebody is there, its times from 0 on."""
+def _cut(window: TrafficWindow, ego: str, around: float) -> TrafficWindow:
+    """The window as long as somebody is there, with who comes within so many metres of it; its times from 0 on."""
     tracks = window.tracks
     own = tracks.t[tracks.valid[tracks.index(ego)]]
     first, last = float(own[0]), float(own[-1])
     part = tracks.window(first, last).shifted(-first)
-    part = part.select(part.ids[part.valid.sum(axis=1) > 1])
+    row = part.index(ego)
+    away = np.hypot(part.x - part.x[row], part.y - part.y[row])
+    near = np.nanmin(np.where(part.valid, away, np.inf), axis=1) <= around
+    part = part.select(part.ids[(part.valid.sum(axis=1) > 1) & near])
     moved = (m._replace(start=m.start - first, end=m.end - first, t=m.t - first) for m in window.maneuvers)
     kept = tuple(m for m in moved if m.object in part.ids and _is_there(part, m.object, m.t))
     return replace(window, begin=window.begin + first, tracks=part, maneuvers=kept)

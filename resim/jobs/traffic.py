@@ -112,6 +112,7 @@ def make_traffic(
     ego = read_ego(
         file, told.ego, *(None if one is None else path_of(one) for one in (build, perception))
     )
+    provenance |= {} if ego is None else ego.provenance()
     made = 0
     for number, window in enumerate(
         traffic_windows(network, told, duration=3600.0 * hours, rate=RATE, seed=seed)

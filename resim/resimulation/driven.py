@@ -15,7 +15,7 @@ from resim.core.tracks import Tracks
 from resim.perception.model import read_model
 from resim.perception.runtime.sensor import Sensor
 from resim.resimulation.run import map_name
-from resim.resimulation.sensed import SensedTracks, perceive_along, planned, sensed_tracks
+from resim.resimulation.sensed import SensedTracks, WithinSight, perceive_along, planned, sensed_tracks
 from resim.road.opendrive import load
 from resim.scenario.scenario import describe
 from resim.simulation.case import Case, HandedOver, SimulatedDrive
@@ -36,6 +36,7 @@ class DriveTask:
         ego: The vehicle.
         build: Of the function that drives it.
         perception: What it sees the others by; None for as they are.
+        sight: How far [m] it sees.
         vehicle: Name of its vehicle model.
         traffic: How the others react.
         seed: Of all draws.
@@ -46,6 +47,7 @@ class DriveTask:
     ego: str
     build: FrozenFile
     perception: FrozenFile | None
+    sight: float
     vehicle: str
     traffic: ReactiveSettings
     seed: int
@@ -86,7 +88,7 @@ def drive_vehicle(task: DriveTask) -> DrivenVehicle:
     network, build = load(task.road), load_build(task.build)
     scenario = describe(task.tracks, network, ego=task.ego, map_name=map_name(task.road))
     case = Case(
-        scenario, network, build, Direct(), the_sensor(task.perception), vehicle_model(task.vehicle),
+        scenario, network, build, Direct(), the_sensor(task.perception, task.sight), vehicle_model(task.vehicle),
         traffic=task.traffic, seed=task.seed,
     )  # fmt: skip
     drive = case.drive()
@@ -122,12 +124,14 @@ def _moments(before: Tracks, after: Tracks, name: str) -> Floats:
     return np.stack([t, np.interp(way, way_after, t_after, right=np.inf)])
 
 
-def sense_vehicle(tracks: Tracks, ego: str, perception: FrozenFile, seed: int) -> SensedTracks:
-    """Give what one vehicle perceives of the others while it is there."""
-    seen = perceive_along(the_sensor(perception), tracks, ego, np.random.default_rng(seed))
+def sense_vehicle(
+    tracks: Tracks, ego: str, perception: FrozenFile, sight: float, seed: int
+) -> SensedTracks:
+    """Give what one vehicle perceives of the others, up to so many metres, while it is there."""
+    seen = perceive_along(the_sensor(perception, sight), tracks, ego, np.random.default_rng(seed))
     return sensed_tracks(seen, tracks, ego)
 
 
-def the_sensor(model: FrozenFile | None) -> Perception:
-    """Give the perception of a model; that of who sees all as it is, of none. Raises InputError."""
-    return IdealPerception() if model is None else Sensor(read_model(model))
+def the_sensor(model: FrozenFile | None, sight: float) -> Perception:
+    """Give the perception of a model, or that of who sees all as it is. Raises InputError."""
+    return WithinSight(IdealPerception() if model is None else Sensor(read_model(model)), sight)

@@ -13,7 +13,7 @@ from resim.core.tracks import Strings, Tracks
 from resim.resimulation.tables import perceived_frame, plan_frame
 from resim.simulation.case import SimulatedDrive
 from resim.simulation.function.interface import EgoState, Perceived
-from resim.simulation.perception import Perception, World, worlds_of
+from resim.simulation.perception import OneRun, Perception, PerceptionBatch, World, worlds_of
 
 SWITCHED = "#"
 """What stands between an object's id and how often a perception model switched it."""
@@ -60,6 +60,38 @@ def _true_id(name: str, known: Collection[str]) -> str:
     """The id of the true object that a perceived one is, "" for none."""
     base = name if name in known else name.partition(SWITCHED)[0]
     return base if base in known else ""
+
+
+class WithinSight:
+    """A perception of who is up to `sight` [m] from the EGO: errors of a model grow without end beyond its data."""
+
+    def __init__(self, inner: Perception, sight: float) -> None:
+        self.inner, self.sight = inner, sight
+        self.hash = f"{inner.hash} within {sight:g} m"
+
+    def together(
+        self, others: Sequence[Perception], rngs: Sequence[np.random.Generator]
+    ) -> PerceptionBatch | None:
+        """Give that of one run, whose draws come from its generator; None for several."""
+        batch = None if others else self.inner.together((), rngs)
+        if batch is None:
+            return None
+        whole = batch
+
+        def look(world: World) -> Perceived:
+            away = np.abs(world.position - complex(world.ego.x, world.ego.y))
+            far = set(world.ids[away > self.sight].tolist())
+            return _without(whole.perceive(worlds_of(world)).of(0), far)
+
+        return OneRun(look)
+
+
+def _without(seen: Perceived, far: Collection[str]) -> Perceived:
+    """The list without objects, whatever a model calls them by now."""
+    names = seen.ids.tolist()
+    near = np.array([n not in far and n.partition(SWITCHED)[0] not in far for n in names], dtype=bool)
+    columns = ("ids", "kind", "x_ego", "y_ego", "heading_ego", "v", "length", "width", "z_ego")
+    return replace(seen, **{name: getattr(seen, name)[near] for name in columns})
 
 
 def perceive_along(perception: Perception, tracks: Tracks, ego: str, rng: np.random.Generator) -> list[Perceived]:

@@ -79,6 +79,8 @@ class TrafficEgoSettings(Strict):
     Attributes:
         build: Build file of an AD function that drives it, as seen from this file; none: SUMO's driver does.
         perception: Perception model (JSON) by which it sees the others, likewise; none: as they are.
+        sight: How far [m] it sees; the errors of a model grow without end beyond what it was trained on.
+        around: Who never comes so near to it [m] is not in the recording.
         kind: What it is.
         vehicle: Vehicle model by which it moves where a function drives it.
         reactive: How the others react to it where a function drives it.
@@ -86,15 +88,11 @@ class TrafficEgoSettings(Strict):
 
     build: str | None = None
     perception: str | None = None
+    sight: Annotated[float, Field(strict=True, gt=0.0, le=1000.0)] = 150.0
+    around: Annotated[float, Field(strict=True, gt=0.0, le=10_000.0)] = 400.0
     kind: Literal["car", "truck"] = "car"
     vehicle: str = Kinematic.name
     reactive: ReactiveSettings = ReactiveSettings()
-
-    @property
-    def wanted(self) -> bool:
-        """Whether a function drives, or anybody senses."""
-        return self.build is not None or self.perception is not None
-
 
 class NaturalisticSettings(Strict):
     """Naturalistic traffic.
