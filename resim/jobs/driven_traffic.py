@@ -117,7 +117,15 @@ def with_ego(
         return EgoWindow(recording, part)
     said = ego.settings
     task = DriveTask(
-        network.path, part.tracks, name, ego.build, ego.perception, said.sight, said.vehicle, said.reactive, seed
+        network.path,
+        part.tracks,
+        name,
+        ego.build,
+        ego.perception,
+        said.sight,
+        said.vehicle,
+        said.reactive,
+        seed,
     )
     driven = in_child(drive_vehicle, task)
     if len(driven.tracks.t) < FEWEST:

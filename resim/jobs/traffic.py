@@ -109,9 +109,7 @@ def make_traffic(
         "settings": f"{file.name}, SHA-256 {file_hash(file)}",
         "map": f"{path.name}, SHA-256 {file_hash(path)}",
     }
-    ego = read_ego(
-        file, told.ego, *(None if one is None else path_of(one) for one in (build, perception))
-    )
+    ego = read_ego(file, told.ego, *(None if one is None else path_of(one) for one in (build, perception)))
     provenance |= {} if ego is None else ego.provenance()
     made = 0
     for number, window in enumerate(

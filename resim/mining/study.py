@@ -1,7 +1,7 @@
 """The study: recordings one after the other, each mined, its tables and scenarios written, and then forgotten.
 
 The folder: `parts/<recording>/` with the tables of each and `part.json`, by which a recording that was mined before is
-known; `recordings/`, `maps/<map>/` with the map and the JSCEN files; and of all together maneuvers.parquet and
+known (`cut.json` while its scenarios are being fitted); `recordings/`, `maps/<map>/` with the map and the JSCEN files; and of all together maneuvers.parquet and
 scenarios.parquet.
 """
 
@@ -16,12 +16,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from resim.core.errors import InputError, ResimError
-from resim.core.files import file_hash
+from resim.core.errors import InputError
 from resim.core.spec import read_json, to_json
-from resim.mining.cutting import cut, write_cut, write_described
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
@@ -29,14 +26,17 @@ from resim.mining.maneuver import LabelledManeuver
 from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
+from resim.mining.scenario_files import FitTask, fit_tasks, forget_scenarios, with_fits, write_scenarios
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines, load_checked
 from resim.recordings.content import content_hash
+from resim.recordings.tables import read_parquet
 from resim.results import write_json, write_parquet
 from resim.road.opendrive import RoadNetwork, load
 
-PART = "part.json"
+PART, CUT = "part.json", "cut.json"
+"""What says of a part that it is finished, and that its scenarios are cut out but not yet all fitted."""
 WRITTEN_BY, REMEDY = "resim mine", "Mine the recording again."
 SCENARIOS = Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]
 
@@ -176,93 +176,58 @@ class StudyOptions:
 def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> MinedPart:
     """Mine a recording folder under this name into the study's folder, or take what was mined before.
 
+    Scenarios that are to be fitted are not yet: `pending_fits` gives what is left to do, `finish_part` ends it.
     Raises InputError and other ResimErrors for a recording that cannot be mined.
     """
     digest = hashlib.sha256(f"{content_hash(folder)} {options.key()}".encode()).hexdigest()
     part = out / "parts" / name
-    if (part / PART).is_file():
-        before = read_json(part / PART, MinedPart, WRITTEN_BY, REMEDY)
-        if before.hash == digest:
-            return before
-    for old in (part, *(out / "recordings").glob(f"{name}_*_*")):
-        if old.is_dir() and (old == part or _is_of(old, name)):
-            shutil.rmtree(old)
+    for before in (PART, CUT):
+        if (part / before).is_file():
+            told = read_json(part / before, MinedPart, WRITTEN_BY, REMEDY)
+            if told.hash == digest:
+                return told
+    if part.is_dir():
+        shutil.rmtree(part)
+    forget_scenarios(out, name)
     recording = load_checked(folder, accept=options.accept)
     mined = mine_recording(
         replace(recording, name=name), options.rules, options.scenarios and options.scenarios[1]
     )
     frame = scenario_frame(name, mined.features, mined.scenarios, mined.names)
     if options.write:
-        frame = _write_scenarios(mined, frame, out, fit=options.fit)
+        frame = write_scenarios(mined.recording, mined.scenarios, frame, out, fit=options.fit)
     part.mkdir(parents=True, exist_ok=True)
     write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
     write_parquet(frame, part / "scenarios.parquet")
     told = summary(mined, name, folder, digest)
-    write_json(to_json(told), part / f".{PART}")
-    (part / f".{PART}").replace(part / PART)
+    _write_mark(told, part / CUT)
     return told
 
 
-def _is_of(folder: Path, name: str) -> bool:
-    """Whether a scenario's folder was cut out of a recording of this name."""
-    settings = folder / "recording.toml"
-    return settings.is_file() and f'mined_from = "{name}"' in settings.read_text("utf-8")
+def pending_fits(out: Path, name: str) -> list[FitTask]:
+    """Give the scenarios of a part that are still to be fitted: none of one that is finished."""
+    part = out / "parts" / name
+    if not (part / CUT).is_file():
+        return []
+    return fit_tasks(read_parquet(part / "scenarios.parquet"), out)
 
 
-def _write_scenarios(mined: MinedRecording, frame: pd.DataFrame, out: Path, *, fit: bool) -> pd.DataFrame:
-    """Write all scenarios as recordings, and fitted ones; gives the table with where they are."""
-    road = map_beside(mined.recording.map, out)
-    folders, files, notes = [], [], []
-    for one, name in zip(mined.scenarios, mined.names, strict=True):
-        labels = ", ".join(dict.fromkeys(m.label for m in one.triggers))
-        note, described = "", ""
-        try:
-            scenario = cut(mined.recording, one, name, labels)
-            target = out / "recordings" / name
-            if not target.is_dir():
-                write_cut(scenario, target, road)
-            folders.append(f"recordings/{name}")
-        except ResimError as e:
-            folders.append("")
-            note = str(e)
-        else:
-            if fit:
-                described, note = _described(scenario, mined.network, road)
-        files.append(described)
-        notes.append(note or _partial(one))
-    return frame.assign(folder=folders, jscen=files, note=notes).astype(
-        dict.fromkeys(("folder", "jscen", "note"), "string")
-    )
+def finish_part(out: Path, told: MinedPart, failed: dict[str, str]) -> None:
+    """End a part whose fits are done: its table says where JSCEN files are. failed: why not, by the file's name."""
+    part = out / "parts" / told.recording
+    if not (part / CUT).is_file():
+        return
+    whole = with_fits(read_parquet(part / "scenarios.parquet"), out, failed)
+    write_parquet(whole, part / ".scenarios.parquet")
+    (part / ".scenarios.parquet").replace(part / "scenarios.parquet")
+    _write_mark(told, part / PART)
+    (part / CUT).unlink()
 
 
-def _described(scenario: Recording, network: RoadNetwork, road: Path) -> tuple[str, str]:
-    """Where the JSCEN file of a scenario is, and "" or why there is none."""
-    file = road.parent / f"{scenario.name}.jscen.json"
-    try:
-        if not file.is_file():
-            write_described(scenario, network, file)
-    except ResimError as e:
-        return "", str(e)
-    return f"maps/{road.parent.name}/{file.name}", ""
-
-
-def _partial(one: ExtractedScenario) -> str:
-    """What is to be said of a window in which the EGO is not all the time."""
-    if (one.start, one.end) == (one.ego_start, one.ego_end):
-        return ""
-    return "the window is longer than the EGO's life: the recording is the part with the EGO"
-
-
-def map_beside(road: Path, out: Path) -> Path:
-    """Give the study's copy of a map, made at need: maps of one name and other content are told apart."""
-    digest = file_hash(road)
-    folder = out / "maps" / f"{road.stem}-{digest[:8]}"
-    copy = folder / road.name
-    if not copy.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(road, folder / f".{road.name}")
-        (folder / f".{road.name}").replace(copy)
-    return copy
+def _write_mark(told: MinedPart, file: Path) -> None:
+    beside = file.with_name(f".{file.name}")
+    write_json(to_json(told), beside)
+    beside.replace(file)
 
 
 def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> MinedPart:

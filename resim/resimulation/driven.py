@@ -124,9 +124,7 @@ def _moments(before: Tracks, after: Tracks, name: str) -> Floats:
     return np.stack([t, np.interp(way, way_after, t_after, right=np.inf)])
 
 
-def sense_vehicle(
-    tracks: Tracks, ego: str, perception: FrozenFile, sight: float, seed: int
-) -> SensedTracks:
+def sense_vehicle(tracks: Tracks, ego: str, perception: FrozenFile, sight: float, seed: int) -> SensedTracks:
     """Give what one vehicle perceives of the others, up to so many metres, while it is there."""
     seen = perceive_along(the_sensor(perception, sight), tracks, ego, np.random.default_rng(seed))
     return sensed_tracks(seen, tracks, ego)

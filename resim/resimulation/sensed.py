@@ -94,7 +94,9 @@ def _without(seen: Perceived, far: Collection[str]) -> Perceived:
     return replace(seen, **{name: getattr(seen, name)[near] for name in columns})
 
 
-def perceive_along(perception: Perception, tracks: Tracks, ego: str, rng: np.random.Generator) -> list[Perceived]:
+def perceive_along(
+    perception: Perception, tracks: Tracks, ego: str, rng: np.random.Generator
+) -> list[Perceived]:
     """Give what one of the objects, the EGO, perceives of the others while it is there, at every sample.
 
     Args:

@@ -94,6 +94,7 @@ class TrafficEgoSettings(Strict):
     vehicle: str = Kinematic.name
     reactive: ReactiveSettings = ReactiveSettings()
 
+
 class NaturalisticSettings(Strict):
     """Naturalistic traffic.
 
