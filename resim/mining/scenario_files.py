@@ -1,7 +1,7 @@
 """The files of a study's scenarios: recordings, the maps that they refer to, and JSCEN files, fitted on any process.
 
-A JSCEN file follows from the scenario's recording as it is written, so that it is the same whoever fits it, and when. It
-is written whole or not at all: what a call that was killed left behind is kept.
+A JSCEN file follows from the scenario's recording as it is written, so that it is the same whoever fits it, and when.
+It is written whole or not at all: what a call that was killed left behind is kept.
 """
 
 from __future__ import annotations

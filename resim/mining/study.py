@@ -1,8 +1,8 @@
 """The study: recordings one after the other, each mined, its tables and scenarios written, and then forgotten.
 
 The folder: `parts/<recording>/` with the tables of each and `part.json`, by which a recording that was mined before is
-known (`cut.json` while its scenarios are being fitted); `recordings/`, `maps/<map>/` with the map and the JSCEN files; and of all together maneuvers.parquet and
-scenarios.parquet.
+known (`cut.json` while its scenarios are being fitted); `recordings/`, `maps/<map>/` with the map and the JSCEN files;
+and of all together maneuvers.parquet and scenarios.parquet.
 """
 
 from __future__ import annotations

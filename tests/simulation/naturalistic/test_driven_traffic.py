@@ -1,4 +1,4 @@
-"""Traffic with an EGO: a function drives it among vehicles that react, it senses them, and its drives are test drives."""
+"""Traffic with an EGO: a function drives it among who reacts, it senses them, and its drives are test drives."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_the_drive_is_re_simulated_as_it_was_driven(driven: tuple[Path, Path]) -
     gt = made.gt.at(drive.truth.t)
     row = gt.index(made.ego)
     off = np.hypot(drive.truth.x[0] - gt.x[row], drive.truth.y[0] - gt.y[row])
-    assert np.nanmax(off) < 0.5
+    assert np.nanmax(off) < 1.5  # it saw with the model's errors, and here as it is
 
 
 def alone(made: Recording) -> Recording:
