@@ -76,9 +76,7 @@ def read_lanes(road: Path) -> list[Lane]:
 
 
 def _widths(lane: etree._Element, ds: np.ndarray) -> np.ndarray:
-    told = [
-        (float(w.get("sOffset")), [float(w.get(k)) for k in "dcba"]) for w in lane.findall("width")
-    ]
+    told = [(float(w.get("sOffset")), [float(w.get(k)) for k in "dcba"]) for w in lane.findall("width")]
     starts = [offset for offset, _ in told]
     out = np.empty(len(ds))
     for k, x in enumerate(ds.tolist()):
@@ -125,7 +123,10 @@ def place(lanes: Sequence[Lane], tracks: Tracks) -> Placed:
     near = np.where(known, near, 0)
     away = (own[:, None] - points[near]) * np.conj(direction[near])
     turned = np.cos(np.angle(direction[near]) - tracks.heading[row, k][:, None])
-    first, last = at[near] == 0, np.isclose(along[near], np.array([ln.along[-1] for ln in lanes])[owner[near]])
+    first, last = (
+        at[near] == 0,
+        np.isclose(along[near], np.array([ln.along[-1] for ln in lanes])[owner[near]]),
+    )
     fits = known & (np.abs(away.imag) <= half[near] + 1e-9) & (turned > 0.0)
     fits &= ~(first & (away.real < -0.01)) & ~(last & (away.real > 0.01))
     cost = np.where(fits, np.abs(away.real), np.inf)

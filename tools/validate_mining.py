@@ -15,7 +15,7 @@ import argparse
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from mining_oracle import Event, events
 
 from resim.core.errors import ResimError
 from resim.jobs.augment import augment
-from resim.jobs.generate import generate
+from resim.jobs.generate import generate_recording
 from resim.jobs.mine import MineOptions, mine
 from resim.jobs.traffic import make_traffic
 from resim.recordings import read_recording
@@ -59,7 +59,9 @@ class Counts:
 Table = dict[str, Counts]
 
 
-def compare(table: Table, name: str, truth: Iterable[Event], found: Iterable[Event], kinds: Iterable[str]) -> None:
+def compare(
+    table: Table, name: str, truth: Iterable[Event], found: Iterable[Event], kinds: Iterable[str]
+) -> None:
     """Count which events were found, each of a kind and object once, in the order of time."""
     wanted = set(kinds)
     sides: tuple[dict[tuple[str, str], list[tuple[float, float]]], ...] = defaultdict(list), defaultdict(list)
@@ -102,11 +104,10 @@ def mined(folder: Path, scratch: Path, accept: tuple[str, ...] = ()) -> pd.DataF
     return found.maneuvers
 
 
-def rows_of(
-    frame: pd.DataFrame, rename: Callable[[str], str] = str, shown: Mapping[str, tuple[float, float]] | None = None
-) -> list[Event]:
+def rows_of(frame: pd.DataFrame, rename: Callable[[str], str] = str) -> list[Event]:
     return [
-        (rename(str(one.object)), str(one.label), float(one.start), float(one.end)) for one in frame.itertuples()
+        (rename(str(one.object)), str(one.label), float(one.start), float(one.end))
+        for one in frame.itertuples()
     ]
 
 
@@ -147,7 +148,8 @@ def town(folders: list[Path], scratch: Path, listed: int) -> None:
         recording, truth = read_recording(folder), truth_of(folder)
         seen = dict(zip(recording.gt.ids.tolist(), zip(*recording.gt.span(), strict=True), strict=True))
         inside = [
-            seen[str(one.object)][0] < one.start and one.end < seen[str(one.object)][1] for one in truth.itertuples()
+            seen[str(one.object)][0] < one.start and one.end < seen[str(one.object)][1]
+            for one in truth.itertuples()
         ]
         found = rows_of(mined(folder, scratch))
         whole = rows_of(truth[inside])
@@ -157,11 +159,13 @@ def town(folders: list[Path], scratch: Path, listed: int) -> None:
     print_table(table, TURNS, listed)
 
 
-def augmented(count: int, scratch: Path, listed: int) -> None:
+def augmented(count: int, most: int, scratch: Path, listed: int) -> None:
     """Every recipe that ships, and variations of each; truth is that of routes, moved with the variation."""
     plain, varied = Table(), Table()
     refused = 0
-    for made in generate(ROOT / "scenarios" / "catalog" / "generate", scratch / "kinds"):
+    recipes = sorted((ROOT / "scenarios" / "catalog" / "generate").glob("*.toml"))
+    for recipe in recipes[:: max(len(recipes) // most, 1)]:
+        made = generate_recording(recipe, scratch / "kinds" / recipe.stem)
         _planted(plain, made.folder, scratch, TURNS)
         try:
             variations = augment(made.folder, scratch / "varied" / made.folder.name, count=count)
@@ -182,7 +186,10 @@ def _planted(table: Table, folder: Path, scratch: Path, kinds: Iterable[str]) ->
     seen = dict(zip(recording.gt.ids.tolist(), zip(*recording.gt.span(), strict=True), strict=True))
     vehicles = set(recording.gt.ids[~np.isin(recording.gt.kind, ["pedestrian", "bicycle"])].tolist())
     own = truth[truth["object"].astype(str).isin(vehicles)]
-    whole = [seen[str(one.object)][0] < one.start and one.end < seen[str(one.object)][1] for one in own.itertuples()]
+    whole = [
+        seen[str(one.object)][0] < one.start and one.end < seen[str(one.object)][1]
+        for one in own.itertuples()
+    ]
     found = rows_of(mined(folder, scratch, tuple(CODES)))
     cut = [event for event in rows_of(own[~np.array(whole, dtype=bool)]) if event[1] in kinds]
     kept = [f for f in found if not any(f[:2] == c[:2] and f[2] <= c[3] and c[2] <= f[3] for c in cut)]
@@ -190,24 +197,30 @@ def _planted(table: Table, folder: Path, scratch: Path, kinds: Iterable[str]) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("traffic", "damaged", "town", "augmented"))
     parser.add_argument("folder", type=Path, nargs="?", help="recordings that `resim traffic` made")
     parser.add_argument("--hours", type=float, default=0.2)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--settings", type=Path, help="of the traffic")
     parser.add_argument("--count", type=int, default=10)
-    parser.add_argument("--most", type=int, default=1000, help="recordings at most")
-    parser.add_argument("--listed", type=int, default=20, help="misses of each label that are listed (stderr)")
+    parser.add_argument("--most", type=int, default=1000, help="recordings, or recipes, at most")
+    parser.add_argument(
+        "--listed", type=int, default=20, help="misses of each label that are listed (stderr)"
+    )
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         scratch = Path(name)
         if asked.what == "augmented":
-            augmented(asked.count, scratch, asked.listed)
+            augmented(asked.count, asked.most, scratch, asked.listed)
             return
         folder = asked.folder or scratch / "traffic"
         if asked.folder is None:
             road = TOWN if asked.what == "town" else MOTORWAY
-            settings = ROOT / "scenarios" / "traffic" / "urban.toml" if asked.what == "town" else None
+            own = ROOT / "scenarios" / "traffic" / "urban.toml" if asked.what == "town" else None
+            settings = asked.settings or own
             for _ in make_traffic(road, folder, hours=asked.hours, seed=asked.seed, settings=settings):
                 pass
         folders = sorted(one.parent for one in folder.glob("*/truth.csv"))[: asked.most]
