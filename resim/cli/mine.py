@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, app, command
+from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 from resim.core.spelling import counted
 
@@ -63,6 +64,7 @@ def mine(
     found = job.mine(recordings, out, options, heard=_tell)
     _print(found)
     say(f"{out}: mined.html, maneuvers.parquet, scenarios.parquet")
+    register(out)
 
 
 @command(app, "mined")

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
 
-from resim import __version__
 from resim.core.errors import InputError, ResimError
+from resim.core.files import file_hash
+from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.jobs.given import path_of
@@ -26,7 +27,7 @@ from resim.recordings.settings import SETTINGS
 from resim.recordings.tables import read_parquet
 from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
-from resim.results import explain_os_errors, locked, merge_parquet, write_json
+from resim.results import MINING, check_own, explain_os_errors, locked, merge_parquet, refuse_within, write_json
 
 TABLES = ("maneuvers", "scenarios")
 
@@ -111,7 +112,7 @@ def mine(
     """
     folders = [path_of(one) for one in recordings]
     target = path_of(out)
-    _check_target(target, options.resume)
+    _check_target(target, options.resume, [*folders, *([] if options.labels is None else [options.labels])])
     study = _study(options)
     parts: list[MinedPart] = []
     failures: list[MinedFailure] = []
@@ -160,17 +161,12 @@ def _study(options: MineOptions) -> StudyOptions:
     return StudyOptions(rules, options.accept, options.write, options.fit, scenarios)
 
 
-def _check_target(target: Path, resume: bool) -> None:
-    """Refuse a folder that holds something else, or an earlier study that is not to be resumed."""
-    if target.exists() and not target.is_dir():
-        raise InputError(target, "is no folder, expected one for the results", "Name another with --out.")
-    held = {path.name for path in target.iterdir()} if target.is_dir() else set()
-    own = {"parts", "recordings", "maps", "mined.html", MARK, *(f"{name}.parquet" for name in TABLES)}
-    if strange := sorted(held - own):
-        raise InputError(
-            target, f"holds {strange[0]}, which is not of `resim mine`", "Name another with --out."
-        )
-    if held and not resume:
+def _check_target(target: Path, resume: bool, inputs: Iterable[Path]) -> None:
+    """Refuse a folder that an input lies in, or that holds something else, or an earlier study not to be resumed."""
+    for one in inputs:
+        refuse_within(one, target, "lies within --out, where `resim mine` replaces what it finds")
+    check_own(target, MINING)
+    if target.is_dir() and any(target.iterdir()) and not resume:
         raise InputError(target, "exists already", "Name a new folder, or continue with resume=True.")
 
 
@@ -195,9 +191,10 @@ def _finish(
         merge_parquet([target / "parts" / part.recording / f"{table}.parquet" for part in parts], beside)
         beside.replace(target / f"{table}.parquet")
     report = MiningReport(
-        version=__version__, rules=study.rules.hash, labels=[*study.rules.labels],
+        versions=versions(), rules=study.rules.hash, labels=[*study.rules.labels],
         trigger=[*study.rules.settings.extraction.trigger] if study.scenarios is None else [study.scenarios[0]],
         parts=parts, failures=failures,
+        files={name: file_hash(target / name) for name in (f"{table}.parquet" for table in TABLES)},
     )  # fmt: skip
     write_json(sealed(to_json(report)), target / MARK)
     result = MiningResult(target, report)

@@ -19,24 +19,29 @@ import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError, ResimError
-from resim.core.files import file_hash
-from resim.core.spec import read_json, to_json
+from resim.core.files import check_hashes, file_hash
+from resim.core.provenance import versions
+from resim.core.sealed import sealed
+from resim.core.spec import read_sealed_json, to_json
 from resim.mining.cutting import cut, write_cut, write_described
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
 from resim.mining.maneuver import LabelledManeuver
 from resim.mining.own_labels import MiningRules
+from resim.mining.overview import overview_frame
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines, load_checked
 from resim.recordings.content import content_hash
+from resim.recordings.tables import read_parquet
 from resim.results import write_json, write_parquet
 from resim.road.opendrive import RoadNetwork, load
 
 PART = "part.json"
+PART_TABLES = ("maneuvers", "scenarios", "overview")
 WRITTEN_BY, REMEDY = "resim mine", "Mine the recording again."
 SCENARIOS = Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]
 
@@ -48,7 +53,8 @@ class MinedPart:
     Attributes:
         recording: Its name.
         folder: Where it was read.
-        hash: Of its content, and of the rules.
+        content: Hash of what it holds.
+        key: Of thresholds and options.
         objects: How many there are.
         hours: Vehicle hours [h] on lanes.
         kilometres: Vehicle kilometres [km] on lanes.
@@ -59,11 +65,13 @@ class MinedPart:
         vehicles_per_ego: Mean number of others that are there during an EGO's life, NaN without an EGO.
         egos: How many EGOs have 0, 1, 2, ... scenarios.
         lifetime: Mean life [s] of an EGO.
+        files: SHA-256 of its tables.
     """
 
     recording: str
     folder: str
-    hash: str
+    content: str
+    key: str
     objects: int
     hours: float
     kilometres: float
@@ -74,6 +82,7 @@ class MinedPart:
     vehicles_per_ego: float | None = None
     egos: tuple[int, ...] = ()
     lifetime: float | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +177,7 @@ class StudyOptions:
 
     def key(self) -> str:
         """Give what a part must have been mined with to be taken as it is."""
-        told = [self.rules.hash, self.write, self.fit, "" if self.scenarios is None else self.scenarios[0]]
+        told: list[object] = [versions(), self.rules.hash, self.write, self.fit, "" if self.scenarios is None else self.scenarios[0]]
         told += [sorted(self.accept), self.rules.settings.model_dump(mode="json")]
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
@@ -178,15 +187,11 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
 
     Raises InputError and other ResimErrors for a recording that cannot be mined.
     """
-    digest = hashlib.sha256(f"{content_hash(folder)} {options.key()}".encode()).hexdigest()
+    content, key = content_hash(folder), options.key()
     part = out / "parts" / name
-    if (part / PART).is_file():
-        before = read_json(part / PART, MinedPart, WRITTEN_BY, REMEDY)
-        if before.hash == digest:
-            return before
-    for old in (part, *(out / "recordings").glob(f"{name}_*_*")):
-        if old.is_dir() and (old == part or _is_of(old, name)):
-            shutil.rmtree(old)
+    if (before := _kept(part, out, content, key)) is not None:
+        return before
+    _remove(part, out, name)
     recording = load_checked(folder, accept=options.accept)
     mined = mine_recording(
         replace(recording, name=name), options.rules, options.scenarios and options.scenarios[1]
@@ -197,10 +202,36 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     part.mkdir(parents=True, exist_ok=True)
     write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
     write_parquet(frame, part / "scenarios.parquet")
-    told = summary(mined, name, folder, digest)
-    write_json(to_json(told), part / f".{PART}")
+    write_parquet(overview_frame(mined.features), part / "overview.parquet")
+    files = {f"{table}.parquet": file_hash(part / f"{table}.parquet") for table in PART_TABLES}
+    told = replace(summary(mined, name, folder, (content, key)), files=files)
+    write_json(sealed(to_json(told)), part / f".{PART}")
     (part / f".{PART}").replace(part / PART)
     return told
+
+
+def _kept(part: Path, out: Path, content: str, key: str) -> MinedPart | None:
+    """What was mined before, where it follows from the same and all of it is there."""
+    try:
+        before = read_sealed_json(part / PART, MinedPart, WRITTEN_BY, REMEDY)
+        if (before.content, before.key) != (content, key):
+            return None
+        check_hashes(part, before.files, REMEDY)
+        rows = read_parquet(part / "scenarios.parquet")
+    except InputError:
+        return None
+    written = [name for column in ("folder", "jscen") for name in rows[column].tolist() if name]
+    return before if all((out / name).exists() for name in written) else None
+
+
+def _remove(part: Path, out: Path, name: str) -> None:
+    """Take away what is left of a recording that was mined otherwise, or not to the end."""
+    for old in (out / "recordings").glob(f"{name}_*_*"):
+        if old.is_dir() and _is_of(old, name):
+            for file in (out / "maps").glob(f"*/{old.name}.jscen.json"):
+                file.unlink()
+            shutil.rmtree(old)
+    shutil.rmtree(part, ignore_errors=True)
 
 
 def _is_of(folder: Path, name: str) -> bool:
@@ -265,8 +296,8 @@ def map_beside(road: Path, out: Path) -> Path:
     return copy
 
 
-def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> MinedPart:
-    """Give what was found in a recording, in numbers."""
+def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[str, str]) -> MinedPart:
+    """Give what was found in a recording, in numbers. follows_from: hash of its content, key of the options."""
     samples, found = mined.features.samples, mined.features
     on = (found.row >= 0) & samples.kinds(VEHICLES)
     same = np.diff(samples.piece_of) == 0
@@ -278,7 +309,8 @@ def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> Mine
     counts = Counter(per_ego.get(int(row), 0) for row in np.flatnonzero(drives))
     first, last = samples.tracks.span()
     return MinedPart(
-        recording=name, folder=str(folder.resolve()), hash=digest, objects=len(samples.tracks),
+        recording=name, folder=str(folder.resolve()), content=follows_from[0], key=follows_from[1],
+        objects=len(samples.tracks),
         hours=float(dt.sum()) / 3600.0, kilometres=float(way.sum()) / 1000.0,
         labels=dict(sorted(Counter(m.label for m in mined.maneuvers).items())), scenarios=len(mined.scenarios),
         off_lane=float((found.row[vehicles] < 0).mean()) if vehicles.any() else 0.0, notes=mined.notes,
