@@ -16,18 +16,32 @@ from resim.core.files import file_hash
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
+from resim.core.spelling import unknown
 from resim.jobs.given import path_of
+from resim.jobs.play import play
 from resim.mining.around import AroundOptions, moments_finder
 from resim.mining.maneuver import label_names
 from resim.mining.own_labels import read_rules
-from resim.mining.page import write_mined_page
+from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
 from resim.mining.study import MinedPart, StudyOptions, mine_into
+from resim.recordings import read_recording
 from resim.recordings.settings import SETTINGS
 from resim.recordings.tables import read_parquet
 from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
-from resim.results import MINING, check_own, explain_os_errors, locked, merge_parquet, refuse_within, write_json
+from resim.results import (
+    MINING,
+    PICTURE,
+    check_own,
+    explain_os_errors,
+    locked,
+    merge_parquet,
+    refuse_within,
+    whole_file,
+    write_json,
+)
+from resim.road.opendrive import load
 
 TABLES = ("maneuvers", "scenarios")
 
@@ -148,6 +162,59 @@ def read_mined(folder: str | Path) -> MiningResult:
     where = path_of(folder)
     report = read_sealed_json(where / MARK, MiningReport, "resim mine", "Mine the recordings again.")
     return MiningResult(where, report)
+
+
+def draw_scenario(found: MiningResult, name: str, file: str | Path) -> None:
+    """Draw a scenario from above.
+
+    Args:
+        found: What `resim mine` wrote.
+        name: Of the scenario.
+        file: SVG file to write.
+
+    Raises:
+        InputError: There is no such scenario, it was not written as a recording, or the file cannot be written.
+    """
+    recording = read_recording(scenario_folder(found, name))
+    with whole_file(path_of(file), PICTURE) as beside:
+        write_scenario_picture(recording.gt, recording.ego, load(recording.map), beside)
+
+
+def play_scenario(found: MiningResult, name: str, page: str | Path) -> None:
+    """Write a page that plays a scenario.
+
+    Args:
+        found: What `resim mine` wrote.
+        name: Of the scenario.
+        page: HTML file to write.
+
+    Raises:
+        InputError: There is no such scenario, it was not written as a recording, or the page cannot be written.
+    """
+    play([scenario_folder(found, name)], page)
+
+
+def scenario_folder(found: MiningResult, name: str) -> Path:
+    """Give the recording of a scenario.
+
+    Args:
+        found: What `resim mine` wrote.
+        name: Of the scenario.
+
+    Returns:
+        Its folder.
+
+    Raises:
+        InputError: There is no such scenario, or it was not written as a recording.
+    """
+    rows = found.scenarios
+    own = rows[rows["scenario"] == name]
+    if not len(own):
+        raise InputError(found.folder, unknown("scenario", name, rows["scenario"].tolist()))
+    if not (where := own["folder"].iloc[0]):
+        why = own["note"].iloc[0] or "the study wrote rows alone"
+        raise InputError(name, f"has no recording: {why}", "Mine with --scenarios recordings.")
+    return found.folder / str(where)
 
 
 def _study(options: MineOptions) -> StudyOptions:

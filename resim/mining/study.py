@@ -28,8 +28,8 @@ from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
 from resim.mining.maneuver import LabelledManeuver
-from resim.mining.own_labels import MiningRules
 from resim.mining.overview import overview_frame
+from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
 from resim.mining.surroundings import SlotReach
@@ -177,7 +177,13 @@ class StudyOptions:
 
     def key(self) -> str:
         """Give what a part must have been mined with to be taken as it is."""
-        told: list[object] = [versions(), self.rules.hash, self.write, self.fit, "" if self.scenarios is None else self.scenarios[0]]
+        told: list[object] = [
+            versions(),
+            self.rules.hash,
+            self.write,
+            self.fit,
+            "" if self.scenarios is None else self.scenarios[0],
+        ]
         told += [sorted(self.accept), self.rules.settings.model_dump(mode="json")]
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 

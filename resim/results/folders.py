@@ -299,6 +299,7 @@ MODEL = FileKind((".json",), (f'"{get_args(PerceptionSchema)[0]}"', '"training"'
 """A model that was trained, none that somebody wrote by hand."""
 PREDICTION = FileKind((".json",), ('"kinds"', '"fitted"', '"fitted to '))
 """A set that was fitted, likewise."""
+PICTURE = FileKind((".svg",), ('class="resim-scenario"',))
 SWEEP_REPORT = FileKind((".json",), (f'"{get_args(SweepReportSchema)[0]}"',))
 
 

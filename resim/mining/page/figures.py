@@ -44,7 +44,9 @@ def tags(scenarios: pd.DataFrame) -> Markup:
         for k, tag in enumerate(table.columns)
     )  # fmt: skip
     figure.update_layout(barmode="stack", showlegend=True)
-    figure.update_xaxes(title_text="vehicles, with the EGO", dtick=max(1, round(float(np.ptp(table.index)) / 15.0)))
+    figure.update_xaxes(
+        title_text="vehicles, with the EGO", dtick=max(1, round(float(np.ptp(table.index)) / 15.0))
+    )
     figure.update_yaxes(title_text="scenarios")
     return to_html(style(figure, 300.0), "tags")
 
