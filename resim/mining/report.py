@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from resim.core.spec import EXACT
 from resim.mining.study import MinedPart
 
 MARK = "mined.json"
@@ -46,3 +47,5 @@ class MiningReport:
     parts: list[MinedPart]
     failures: list[MinedFailure]
     files: Mapping[str, str]
+
+    __pydantic_config__ = EXACT
