@@ -120,7 +120,7 @@ def print_entry(entry: CatalogEntry) -> None:
     }  # fmt: skip
     if entry.counts:
         told["counts"] = ", ".join(f"{count} {verdict}" for verdict, count in entry.counts.items())
-    for page in ("report.html", "verification.html", "assessment.html"):
+    for page in ("report.html", "verification.html", "assessment.html", "mined.html"):
         if (entry.folder / page).is_file():
             told["page"] = str(entry.folder / page)
     if (rows := _table(entry)) is not None and not set("*?[") & set(str(entry.folder)):  # patterns to DuckDB

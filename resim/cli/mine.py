@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import Accept, Workers, app, command
+from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
-from resim.core.spelling import counted
+from resim.core.errors import InputError
+from resim.core.spelling import counted, unknown
 
 if TYPE_CHECKING:
     from resim.jobs.mine import MiningResult
@@ -64,6 +66,7 @@ def mine(
     found = job.mine(recordings, out, options, heard=_tell)
     _print(found)
     say(f"{out}: mined.html, maneuvers.parquet, scenarios.parquet")
+    register(out)
 
 
 @command(app, "mined")
@@ -74,20 +77,47 @@ def mined(
         typer.Option(metavar="LABEL", help="List the maneuvers of this label; may be given several times."),
     ] = None,
     recording: Annotated[str | None, typer.Option(metavar="NAME", help="Of this recording alone.")] = None,
-    scenario: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Show this scenario: `resim play` plays its folder.")
+    scenario: Annotated[str | None, typer.Option(metavar="NAME", help="Show this scenario.")] = None,
+    scenarios: Annotated[
+        bool,
+        typer.Option(
+            "--scenarios", help="List scenarios, of these labels and this recording alone if given."
+        ),
+    ] = False,
+    picture: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw --scenario from above into this SVG file.")
+    ] = None,
+    player: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page that plays --scenario.")
     ] = None,
 ) -> None:
-    """Show what `resim mine` found: how many of each label, the maneuvers of a label, a scenario."""
+    """Show what `resim mine` found: how many of each label, maneuvers, scenarios, one scenario as picture or player."""
     from resim.jobs import mine as job
 
+    if scenario is None and (given := "--picture" if picture else "--player" if player else None):
+        raise InputError(given, "is of one scenario, and none is named", "Name it with --scenario.")
     found = job.read_mined(folder)
     if scenario is not None:
         _print_scenario(found, scenario)
+        _show(found, scenario, picture, player)
+    elif scenarios:
+        _print_scenarios(found, label or [], recording)
     elif label or recording:
         _print_maneuvers(found, label or [], recording)
     else:
         _print(found)
+
+
+def _show(found: MiningResult, name: str, picture: Path | None, player: Path | None) -> None:
+    from resim.jobs import mine as job
+
+    if picture is not None:
+        job.draw_scenario(found, name, picture)
+        say(f"picture: {picture}")
+    if player is not None:
+        job.play_scenario(found, name, player)
+        say(f"player: {player}")
+    add_to_json(picture=picture, player=player)
 
 
 def _tell(told: MinedPart | MinedFailure) -> None:
@@ -115,13 +145,33 @@ def _print(found: MiningResult) -> None:
     add_to_json(labels=found.labels, scenarios=scenarios, recordings=parts, failures=failures)
 
 
-def _print_maneuvers(found: MiningResult, labels: list[str], recording: str | None) -> None:
-    from resim.core.errors import InputError
-    from resim.core.spelling import unknown
-
+def _check_filters(found: MiningResult, labels: list[str], recording: str | None) -> None:
+    """Raise InputError for a label or a recording that there is not."""
     for name in labels:
         if name not in found.report.labels:
             raise InputError("--label", unknown("label", name, found.report.labels))
+    known = [part.recording for part in found.report.parts]
+    if recording is not None and recording not in known:
+        raise InputError("--recording", unknown("recording", recording, known))
+
+
+def _print_scenarios(found: MiningResult, labels: list[str], recording: str | None) -> None:
+    _check_filters(found, labels, recording)
+    rows = found.scenarios
+    if labels:
+        rows = rows[[bool({*told.split()} & {*labels}) for told in rows["labels"].tolist()]]
+    if recording is not None:
+        rows = rows[rows["recording"] == recording]
+    for row in rows.to_dict("records"):
+        when = f"{row['start']:.2f} to {row['end']:.2f} s"
+        where = f"road {row['road'] or '–'}, {counted(row['lanes'], 'lane')}, {counted(row['vehicles'], 'vehicle')}"
+        say(f"{row['scenario']}  {row['labels']}  {when}, {where}")
+    say(counted(len(rows), "scenario"))
+    add_to_json(scenarios=rows.astype(object).where(rows.notna(), None).to_dict("records"))
+
+
+def _print_maneuvers(found: MiningResult, labels: list[str], recording: str | None) -> None:
+    _check_filters(found, labels, recording)
     rows = found.maneuvers
     if labels:
         rows = rows[rows["label"].isin(labels)]
@@ -137,9 +187,6 @@ def _print_maneuvers(found: MiningResult, labels: list[str], recording: str | No
 
 
 def _print_scenario(found: MiningResult, name: str) -> None:
-    from resim.core.errors import InputError
-    from resim.core.spelling import unknown
-
     rows = found.scenarios
     own = rows[rows["scenario"] == name]
     if not len(own):

@@ -37,6 +37,7 @@ class KindChoice(StrEnum):
     assessment = "assessment"
     verification = "verification"
     sweep = "sweep"
+    mining = "mining"
 
 
 def register(folder: Path) -> None:

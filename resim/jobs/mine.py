@@ -5,32 +5,47 @@ from __future__ import annotations
 import contextlib
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
 
-from resim import __version__
 from resim.core.errors import InputError, ResimError
+from resim.core.files import file_hash
+from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
+from resim.core.spelling import unknown
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.jobs.given import path_of
+from resim.jobs.play import play
 from resim.mining.around import AroundOptions, moments_finder
 from resim.mining.maneuver import label_names
 from resim.mining.own_labels import read_rules
-from resim.mining.page import write_mined_page
+from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
 from resim.mining.scenario_files import FitTask, fit_scenario
 from resim.mining.study import MinedPart, StudyOptions, finish_part, mine_into, pending_fits
+from resim.recordings import read_recording
 from resim.recordings.settings import SETTINGS
 from resim.recordings.tables import read_parquet
 from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
-from resim.results import explain_os_errors, locked, merge_parquet, write_json
+from resim.results import (
+    MINING,
+    PICTURE,
+    check_own,
+    explain_os_errors,
+    locked,
+    merge_parquet,
+    refuse_within,
+    whole_file,
+    write_json,
+)
+from resim.road.opendrive import load
 
 TABLES = ("maneuvers", "scenarios")
 
@@ -117,7 +132,7 @@ def mine(
     """
     folders = [path_of(one) for one in recordings]
     target = path_of(out)
-    _check_target(target, options.resume)
+    _check_target(target, options.resume, [*folders, *([] if options.labels is None else [options.labels])])
     study = _study(options)
     parts: list[MinedPart] = []
     failures: dict[str, MinedFailure] = {}
@@ -131,11 +146,14 @@ def mine(
             except ResimError as e:
                 failures[name] = MinedFailure(name, str(folder), str(e))
                 heard(failures[name])
+        done: dict[str, MinedPart] = {}
         for told in _fitted(target, parts, options.workers or os.cpu_count() or 1):
             heard(told)
             if isinstance(told, MinedFailure):
                 failures[told.recording] = told
-        whole = [part for part in parts if part.recording not in failures]
+            else:
+                done[told.recording] = told
+        whole = [done[name] for name in named if name in done]
         missed = [failures[name] for name in named if name in failures]
         if not whole:
             raise InputError(target, f"no recording could be mined: {missed[0].why}", "See `resim check`.")
@@ -158,8 +176,7 @@ def _fitted(target: Path, parts: list[MinedPart], workers: int) -> Iterator[Mine
     def ended(name: str) -> MinedPart | MinedFailure:
         if name in broken:
             return MinedFailure(name, by_name[name].folder, f"a fit broke off: {broken[name]}")
-        finish_part(target, by_name[name], why[name])
-        return by_name[name]
+        return finish_part(target, by_name[name], why[name])
 
     yield from (ended(name) for name, count in left.items() if not count)
     for k, told in _results(tasks, min(workers, max(len(tasks), 1))):
@@ -198,6 +215,59 @@ def read_mined(folder: str | Path) -> MiningResult:
     return MiningResult(where, report)
 
 
+def draw_scenario(found: MiningResult, name: str, file: str | Path) -> None:
+    """Draw a scenario from above.
+
+    Args:
+        found: What `resim mine` wrote.
+        name: Of the scenario.
+        file: SVG file to write.
+
+    Raises:
+        InputError: There is no such scenario, it was not written as a recording, or the file cannot be written.
+    """
+    recording = read_recording(scenario_folder(found, name))
+    with whole_file(path_of(file), PICTURE) as beside:
+        write_scenario_picture(recording.gt, recording.ego, load(recording.map), beside)
+
+
+def play_scenario(found: MiningResult, name: str, page: str | Path) -> None:
+    """Write a page that plays a scenario.
+
+    Args:
+        found: What `resim mine` wrote.
+        name: Of the scenario.
+        page: HTML file to write.
+
+    Raises:
+        InputError: There is no such scenario, it was not written as a recording, or the page cannot be written.
+    """
+    play([scenario_folder(found, name)], page)
+
+
+def scenario_folder(found: MiningResult, name: str) -> Path:
+    """Give the recording of a scenario.
+
+    Args:
+        found: What `resim mine` wrote.
+        name: Of the scenario.
+
+    Returns:
+        Its folder.
+
+    Raises:
+        InputError: There is no such scenario, or it was not written as a recording.
+    """
+    rows = found.scenarios
+    own = rows[rows["scenario"] == name]
+    if not len(own):
+        raise InputError(found.folder, unknown("scenario", name, rows["scenario"].tolist()))
+    if not (where := own["folder"].iloc[0]):
+        why = own["note"].iloc[0] or "the study wrote rows alone"
+        raise InputError(name, f"has no recording: {why}", "Mine with --scenarios recordings.")
+    return found.folder / str(where)
+
+
 def _study(options: MineOptions) -> StudyOptions:
     rules = read_rules(options.labels)
     scenarios = None
@@ -209,17 +279,12 @@ def _study(options: MineOptions) -> StudyOptions:
     return StudyOptions(rules, options.accept, options.write, options.fit, scenarios)
 
 
-def _check_target(target: Path, resume: bool) -> None:
-    """Refuse a folder that holds something else, or an earlier study that is not to be resumed."""
-    if target.exists() and not target.is_dir():
-        raise InputError(target, "is no folder, expected one for the results", "Name another with --out.")
-    held = {path.name for path in target.iterdir()} if target.is_dir() else set()
-    own = {"parts", "recordings", "maps", "mined.html", MARK, *(f"{name}.parquet" for name in TABLES)}
-    if strange := sorted(held - own):
-        raise InputError(
-            target, f"holds {strange[0]}, which is not of `resim mine`", "Name another with --out."
-        )
-    if held and not resume:
+def _check_target(target: Path, resume: bool, inputs: Iterable[Path]) -> None:
+    """Refuse a folder that an input lies in, or that holds something else, or an earlier study not to be resumed."""
+    for one in inputs:
+        refuse_within(one, target, "lies within --out, where `resim mine` replaces what it finds")
+    check_own(target, MINING)
+    if target.is_dir() and any(target.iterdir()) and not resume:
         raise InputError(target, "exists already", "Name a new folder, or continue with resume=True.")
 
 
@@ -244,9 +309,10 @@ def _finish(
         merge_parquet([target / "parts" / part.recording / f"{table}.parquet" for part in parts], beside)
         beside.replace(target / f"{table}.parquet")
     report = MiningReport(
-        version=__version__, rules=study.rules.hash, labels=[*study.rules.labels],
+        versions=versions(), rules=study.rules.hash, labels=[*study.rules.labels],
         trigger=[*study.rules.settings.extraction.trigger] if study.scenarios is None else [study.scenarios[0]],
         parts=parts, failures=failures,
+        files={name: file_hash(target / name) for name in (f"{table}.parquet" for table in TABLES)},
     )  # fmt: skip
     write_json(sealed(to_json(report)), target / MARK)
     result = MiningResult(target, report)

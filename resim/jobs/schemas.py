@@ -12,6 +12,9 @@ from resim.core.spec import json_schema, sealed_schema
 from resim.jobs.export import ExportReport
 from resim.metrics.criteria_file import CriteriaFile
 from resim.metrics.risk.prediction import PredictionSet
+from resim.mining.catalog import KindsFile
+from resim.mining.report import MiningReport
+from resim.mining.settings import MiningSettings
 from resim.perception.model import PerceptionModel
 from resim.recordings.mapped.mapping import Mapping as ColumnMapping
 from resim.recordings.settings import Settings
@@ -66,6 +69,8 @@ FORMATS: Mapping[str, FileFormat] = {
     "recipe": FileFormat("*.toml", Recipe),
     "naturalistic": FileFormat("*.toml", NaturalisticSettings),
     "augmentation": FileFormat("*.toml", AugmentationSettings),
+    "labels": FileFormat("*.toml", MiningSettings),
+    "kinds": FileFormat("*.toml", KindsFile),
     "suite": FileFormat("*.toml", SuiteFile),
     "sweep": FileFormat("*.toml", SweepFile),
     "perception": FileFormat("*.json", PerceptionModel),
@@ -81,6 +86,7 @@ FORMATS: Mapping[str, FileFormat] = {
     "case": FileFormat("cases/*.json", CaseFile, sealed=True),
     "sweep_begun": FileFormat("sweep.json", SweepBegun, sealed=True),
     "manifest": FileFormat("manifest.json", SweepManifest, sealed=True),
+    "mined": FileFormat("mined.json", MiningReport, sealed=True),
     "sweep_report": FileFormat("report.json", SweepReport),
 }
 """By name; report.json of a run is "report", that of a sweep "sweep_report"; assessment.json of a run is

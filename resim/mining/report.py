@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from resim.core.spec import EXACT
 from resim.mining.study import MinedPart
 
 MARK = "mined.json"
@@ -29,17 +31,21 @@ class MiningReport:
     """A study of recordings, as `mined.json` says it.
 
     Attributes:
-        version: Of resim.
+        versions: Of what wrote it.
         rules: Hash of the file of thresholds, "" for what ships.
         labels: That were looked for.
         trigger: What scenarios were cut out for.
         parts: What was found in each recording.
         failures: Recordings that could not be mined.
+        files: SHA-256 of the tables.
     """
 
-    version: str
+    versions: Mapping[str, str]
     rules: str
     labels: list[str]
     trigger: list[str]
     parts: list[MinedPart]
     failures: list[MinedFailure]
+    files: Mapping[str, str]
+
+    __pydantic_config__ = EXACT

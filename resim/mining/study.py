@@ -18,11 +18,15 @@ from pathlib import Path
 import numpy as np
 
 from resim.core.errors import InputError
-from resim.core.spec import read_json, to_json
+from resim.core.files import check_hashes, file_hash
+from resim.core.provenance import versions
+from resim.core.sealed import sealed
+from resim.core.spec import read_sealed_json, to_json
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
 from resim.mining.maneuver import LabelledManeuver
+from resim.mining.overview import overview_frame
 from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
@@ -37,6 +41,7 @@ from resim.road.opendrive import RoadNetwork, load
 
 PART, CUT = "part.json", "cut.json"
 """What says of a part that it is finished, and that its scenarios are cut out but not yet all fitted."""
+PART_TABLES = ("maneuvers", "scenarios", "overview")
 WRITTEN_BY, REMEDY = "resim mine", "Mine the recording again."
 SCENARIOS = Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]
 
@@ -48,7 +53,8 @@ class MinedPart:
     Attributes:
         recording: Its name.
         folder: Where it was read.
-        hash: Of its content, and of the rules.
+        content: Hash of what it holds.
+        key: Of thresholds and options.
         objects: How many there are.
         hours: Vehicle hours [h] on lanes.
         kilometres: Vehicle kilometres [km] on lanes.
@@ -59,11 +65,13 @@ class MinedPart:
         vehicles_per_ego: Mean number of others that are there during an EGO's life, NaN without an EGO.
         egos: How many EGOs have 0, 1, 2, ... scenarios.
         lifetime: Mean life [s] of an EGO.
+        files: SHA-256 of its tables.
     """
 
     recording: str
     folder: str
-    hash: str
+    content: str
+    key: str
     objects: int
     hours: float
     kilometres: float
@@ -74,6 +82,7 @@ class MinedPart:
     vehicles_per_ego: float | None = None
     egos: tuple[int, ...] = ()
     lifetime: float | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +177,13 @@ class StudyOptions:
 
     def key(self) -> str:
         """Give what a part must have been mined with to be taken as it is."""
-        told = [self.rules.hash, self.write, self.fit, "" if self.scenarios is None else self.scenarios[0]]
+        told: list[object] = [
+            versions(),
+            self.rules.hash,
+            self.write,
+            self.fit,
+            "" if self.scenarios is None else self.scenarios[0],
+        ]
         told += [sorted(self.accept), self.rules.settings.model_dump(mode="json")]
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
@@ -179,16 +194,12 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     Scenarios that are to be fitted are not yet: `pending_fits` gives what is left to do, `finish_part` ends it.
     Raises InputError and other ResimErrors for a recording that cannot be mined.
     """
-    digest = hashlib.sha256(f"{content_hash(folder)} {options.key()}".encode()).hexdigest()
+    content, key = content_hash(folder), options.key()
     part = out / "parts" / name
-    for before in (PART, CUT):
-        if (part / before).is_file():
-            told = read_json(part / before, MinedPart, WRITTEN_BY, REMEDY)
-            if told.hash == digest:
-                return told
-    if part.is_dir():
-        shutil.rmtree(part)
+    if (before := _kept(part, out, content, key)) is not None:
+        return before
     forget_scenarios(out, name)
+    shutil.rmtree(part, ignore_errors=True)
     recording = load_checked(folder, accept=options.accept)
     mined = mine_recording(
         replace(recording, name=name), options.rules, options.scenarios and options.scenarios[1]
@@ -199,9 +210,31 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     part.mkdir(parents=True, exist_ok=True)
     write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
     write_parquet(frame, part / "scenarios.parquet")
-    told = summary(mined, name, folder, digest)
+    write_parquet(overview_frame(mined.features), part / "overview.parquet")
+    told = replace(summary(mined, name, folder, (content, key)), files=_hashes(part))
     _write_mark(told, part / CUT)
     return told
+
+
+def _hashes(part: Path) -> dict[str, str]:
+    """Of the tables of a part."""
+    return {f"{table}.parquet": file_hash(part / f"{table}.parquet") for table in PART_TABLES}
+
+
+def _kept(part: Path, out: Path, content: str, key: str) -> MinedPart | None:
+    """What was mined before, to the end or but for fits, where it follows from the same and all of it is there."""
+    mark = next((name for name in (PART, CUT) if (part / name).is_file()), PART)
+    try:
+        before = read_sealed_json(part / mark, MinedPart, WRITTEN_BY, REMEDY)
+        if (before.content, before.key) != (content, key):
+            return None
+        check_hashes(part, before.files, REMEDY)
+        rows = read_parquet(part / "scenarios.parquet")
+    except InputError:
+        return None
+    columns = ("folder", "jscen") if mark == PART else ("folder",)
+    written = [name for column in columns for name in rows[column].fillna("").tolist() if name]
+    return before if all((out / name).exists() for name in written) else None
 
 
 def pending_fits(out: Path, name: str) -> list[FitTask]:
@@ -212,26 +245,31 @@ def pending_fits(out: Path, name: str) -> list[FitTask]:
     return fit_tasks(read_parquet(part / "scenarios.parquet"), out)
 
 
-def finish_part(out: Path, told: MinedPart, failed: dict[str, str]) -> None:
-    """End a part whose fits are done: its table says where JSCEN files are. failed: why not, by the file's name."""
+def finish_part(out: Path, told: MinedPart, failed: dict[str, str]) -> MinedPart:
+    """End a part whose fits are done, and give it as it is then: its table says where JSCEN files are.
+
+    failed: why there is none, by the file's name.
+    """
     part = out / "parts" / told.recording
     if not (part / CUT).is_file():
-        return
+        return told
     whole = with_fits(read_parquet(part / "scenarios.parquet"), out, failed)
     write_parquet(whole, part / ".scenarios.parquet")
     (part / ".scenarios.parquet").replace(part / "scenarios.parquet")
-    _write_mark(told, part / PART)
+    done = replace(told, files=_hashes(part))
+    _write_mark(done, part / PART)
     (part / CUT).unlink()
+    return done
 
 
 def _write_mark(told: MinedPart, file: Path) -> None:
     beside = file.with_name(f".{file.name}")
-    write_json(to_json(told), beside)
+    write_json(sealed(to_json(told)), beside)
     beside.replace(file)
 
 
-def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> MinedPart:
-    """Give what was found in a recording, in numbers."""
+def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[str, str]) -> MinedPart:
+    """Give what was found in a recording, in numbers. follows_from: hash of its content, key of the options."""
     samples, found = mined.features.samples, mined.features
     on = (found.row >= 0) & samples.kinds(VEHICLES)
     same = np.diff(samples.piece_of) == 0
@@ -243,7 +281,8 @@ def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> Mine
     counts = Counter(per_ego.get(int(row), 0) for row in np.flatnonzero(drives))
     first, last = samples.tracks.span()
     return MinedPart(
-        recording=name, folder=str(folder.resolve()), hash=digest, objects=len(samples.tracks),
+        recording=name, folder=str(folder.resolve()), content=follows_from[0], key=follows_from[1],
+        objects=len(samples.tracks),
         hours=float(dt.sum()) / 3600.0, kilometres=float(way.sum()) / 1000.0,
         labels=dict(sorted(Counter(m.label for m in mined.maneuvers).items())), scenarios=len(mined.scenarios),
         off_lane=float((found.row[vehicles] < 0).mean()) if vehicles.any() else 0.0, notes=mined.notes,

@@ -34,7 +34,7 @@ QUANTITIES = ("longitudinal", "lateral", "speed", "heading", "length", "width")
 """What has an error, in the order of all arrays: m, m, m/s, rad, m, m."""
 FEATURES = ("range", "bearing", "relative_speed", "acceleration")
 
-Assumption = Literal["bias", "spread", "tails", "white", "together", "latency", "detected"]
+Assumption = Literal["bias", "spread", "tails", "white", "together", "latency", "detected", "places"]
 Quantity = Literal["longitudinal", "lateral", "speed", "heading", "length", "width"]
 Maneuver = Literal["follow_lane", "lane_change_left", "lane_change_right", "braking"]
 Plain = Annotated[float, Field(strict=True)]
@@ -250,10 +250,10 @@ class TrainedParameter(ParameterGroup):
 class FailedAssumption(ParameterGroup):
     """One assumption that fails: of errors of a quantity, their `bias` or `spread` (which depend on something that the
     model leaves out), `tails`, `white` (how they vary in time), `together` (objects in one list are independent) or
-    `latency` (one for all); or of detection the share of time in which objects are `detected`. size: what it costs, in
-    the unit; p: how likely by chance; text: the same in words."""
+    `latency` (one for all); of detection the share of time in which objects are `detected`; or the `places` of false
+    objects. size: what it costs, in the unit; p: how likely by chance; text: the same in words."""
 
-    quantity: Quantity | Literal["detection"]
+    quantity: Quantity | Literal["detection", "false objects"]
     assumption: Assumption
     on: str
     size: float

@@ -98,8 +98,14 @@ def outcome(
         failure="" if drive is None else drive.failure,
         asked=_asked(drive, [measure.note for measure in assessment.measures.values()]),
         clear=assessment.clear and (drive is None or drive.end == "duration"),
-        bad=None if drive is None else _bad(drive),
+        bad=_measured_collision(assessment) if drive is None else _bad(drive),
     )
+
+
+def _measured_collision(assessment: Assessment) -> BadEnd | None:
+    """The first collision of a measured drive."""
+    first = min(assessment.contacts, default=None)
+    return None if first is None else BadEnd("collision", first[0], None, first[1])
 
 
 def _bad(drive: SimulatedDrive) -> BadEnd | None:
@@ -111,7 +117,7 @@ def _bad(drive: SimulatedDrive) -> BadEnd | None:
     at = max(int(np.searchsorted(truth.t, first.t + 1e-9)) - 1, 0)
     velocity = truth.v[:, at] * np.exp(1j * truth.heading[:, at])  # the EGO's is the first
     speed = float(abs(velocity[0] - velocity[truth.index(first.id)])) if first.id in truth.ids else np.nan
-    return BadEnd("collision", first.t, _finite(speed))
+    return BadEnd("collision", first.t, _finite(speed), first.id)
 
 
 def _asked(drive: SimulatedDrive | None, notes: Iterable[str]) -> tuple[str, ...]:

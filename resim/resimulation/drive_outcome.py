@@ -27,14 +27,15 @@ class Kpi:
 
 @dataclass(frozen=True)
 class BadEnd:
-    """How a simulated EGO came to grief: by "collision" or "off_road", when [s], and with which closing speed [m/s].
+    """How an EGO came to grief: by "collision" or "off_road", when [s], and with which closing speed [m/s].
 
-    speed: of the EGO and whom it hits, None off the road or where it is not known.
+    speed: of a simulated EGO and whom it hits, None off the road or where it is not known. object: whom it hits.
     """
 
     by: str
     t: float
     speed: float | None = None
+    object: str | None = None
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,8 @@ class DriveOutcome:
     a simulation ended, "" for a measured drive. clear: whether it is shown that the EGO collides with nobody to the
     end. failure: why the function failed, or "". errors: of this drive alone, the pipeline's of a simulated one.
     reaction_spread [s]: how far first braking may be off, of a measured one. asked: what code under test, the
-    function's or own measures', asked that its hash does not know. bad: the first collision of a simulated drive, or
-    where it left the road.
+    function's or own measures', asked that its hash does not know. bad: the first collision, or where a simulated
+    EGO left the road.
     """
 
     kpis: Mapping[str, Kpi]

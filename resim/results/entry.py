@@ -14,9 +14,9 @@ from typing import Any, Literal
 from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.sealed import CHECKSUM
-from resim.results.folders import ASSESSMENT, RUN, SWEEP, VERIFICATION, FolderKind
+from resim.results.folders import ASSESSMENT, MINING, RUN, SWEEP, VERIFICATION, FolderKind
 
-ResultKind = Literal["run", "assessment", "verification", "sweep"]
+ResultKind = Literal["run", "assessment", "verification", "sweep", "mining"]
 FolderState = Literal["there", "changed", "gone", "elsewhere"]
 """Of a folder: as it was; holding something else; not there; or of another machine, and not to be seen from here."""
 
@@ -25,6 +25,7 @@ KINDS: dict[ResultKind, tuple[str, FolderKind]] = {
     "verification": ("verification.json", VERIFICATION),
     "sweep": ("manifest.json", SWEEP),
     "assessment": ("assessment.json", ASSESSMENT),
+    "mining": ("mined.json", MINING),
 }
 """Of each kind of result the file that is there once it is finished, and what its folder may hold; a run has an
 assessment, too."""
@@ -118,7 +119,7 @@ def kind_of(folder: Path) -> ResultKind:
     for kind, again in (("sweep", "resim sweep ... --resume"), ("verification", "resim verify")):
         if (folder / KINDS[kind][1].mark).is_file():
             raise InputError(folder, f"holds a {kind} that is not finished", f"Finish it with `{again}`.")
-    remedy = "Give one that `resim run`, `assess --out`, `verify` or `sweep` wrote."
+    remedy = "Give one that `resim run`, `assess --out`, `verify`, `sweep` or `mine` wrote."
     raise InputError(folder, "is no folder of results" if folder.is_dir() else "is no folder", remedy)
 
 
@@ -158,4 +159,5 @@ _CONTENT: dict[ResultKind, Callable[[Path], Iterator[bytes]]] = {
     "sweep": _sweep_content,
     "verification": lambda folder: iter([_read(folder / "verification.json")]),
     "assessment": lambda folder: iter([_read(folder / "assessment.json")]),
+    "mining": lambda folder: iter([_read(folder / "mined.json")]),
 }

@@ -25,14 +25,16 @@ class FolderKind:
     """A kind of results folder: the file that tells it from others, and what else resim writes there.
 
     names: of files that every such folder may have; the mark lists the others as `files`. inside: names of the files in
-    each folder of it, likewise.
+    each folder of it, likewise. deep: of folders with folders of their own the paths of all files, seen from them.
     """
 
     mark: str
     names: re.Pattern[str]
     inside: Mapping[str, re.Pattern[str]] = field(default_factory=dict)
+    deep: Mapping[str, re.Pattern[str]] = field(default_factory=dict)
 
 
+_NONE = re.compile(r"(?!)")
 LONGEST_NAME = 230
 """Bytes of a folder's name: what is written beside it has a longer one, and file systems take 255."""
 HALF = re.compile(r"\..+\.\d+\.new")
@@ -53,6 +55,16 @@ SWEEP = FolderKind(
     {
         "runs": re.compile(rf"part-\d+\.parquet|{HALF.pattern}"),
         "journal": re.compile(r"\d+-of-\d+\.jsonl(\.refused\d*)?"),
+    },
+)
+
+MINING = FolderKind(
+    "mined.json",
+    re.compile(rf"\.?mined\.(json|html)|\.?(maneuvers|scenarios)\.parquet|{HALF.pattern}"),
+    deep={
+        "parts": re.compile(r"[^/]+/\.?(part\.json|(maneuvers|scenarios|overview)\.parquet)"),
+        "recordings": re.compile(r"[^/]+/(recording\.toml|(gt|sd|plan)\.(csv|parquet))"),
+        "maps": re.compile(r"[^/]+/\.?[^/]+\.(xodr|jscen\.json)(\.\d+\.new)?"),
     },
 )
 
@@ -100,6 +112,14 @@ def _check_held(folder: Path, kind: FolderKind, none: str, remedy: str, lost: st
         raise InputError(folder, f"holds {strange}, which is not a resim result{lost}", remedy)
 
 
+def check_own(folder: Path, kind: FolderKind) -> None:
+    """Refuse a folder that holds anything but results of this kind, whole or not. Raises InputError."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "is no folder, expected one for the results", "Name another with --out.")
+    if folder.is_dir() and (strange := next(_strange(folder, kind, set()), None)):
+        raise InputError(folder, f"holds {strange}, which is not a resim result", "Name another with --out.")
+
+
 def check_results(folder: Path, kind: FolderKind) -> None:
     """Refuse a folder that holds anything but whole results of this kind. Raises InputError."""
     _check_held(folder, kind, "is no folder of results", "Make it again, or take out what is not of resim.")
@@ -137,11 +157,15 @@ def _strange(folder: Path, kind: FolderKind, listed: set[str]) -> Iterator[str]:
         return known and path.is_file() and not path.is_symlink()
 
     for path in sorted(folder.iterdir()):
-        within = kind.inside.get(path.name)
-        if within is None and path.is_dir() and any(name.startswith(f"{path.name}/") for name in listed):
+        within, deep = kind.inside.get(path.name), kind.deep.get(path.name, _NONE)
+        holds = path.name in kind.deep or (
+            within is None and any(name.startswith(f"{path.name}/") for name in listed)
+        )
+        if holds and path.is_dir() and not path.is_symlink():
             for file in sorted(path.rglob("*")):
                 name = file.relative_to(folder).as_posix()
-                if file.is_symlink() or not (file.is_dir() or name in listed):
+                known = name in listed or deep.fullmatch(file.relative_to(path).as_posix()) is not None
+                if file.is_symlink() or not (file.is_dir() or (known and file.is_file())):
                     yield name
         elif within is None or path.is_symlink() or not path.is_dir():
             if not is_own(path, path.name, kind.names):
@@ -275,6 +299,7 @@ MODEL = FileKind((".json",), (f'"{get_args(PerceptionSchema)[0]}"', '"training"'
 """A model that was trained, none that somebody wrote by hand."""
 PREDICTION = FileKind((".json",), ('"kinds"', '"fitted"', '"fitted to '))
 """A set that was fitted, likewise."""
+PICTURE = FileKind((".svg",), ('class="resim-scenario"',))
 SWEEP_REPORT = FileKind((".json",), (f'"{get_args(SweepReportSchema)[0]}"',))
 
 

@@ -160,11 +160,30 @@ def _sweep(folder: Path) -> _FolderContents:
     )
 
 
+def _mining(folder: Path) -> _FolderContents:
+    mined = _sealed(folder / "mined.json")
+    check_hashes(folder, mined["files"], REMEDY)
+    parts, failures = mined["parts"], mined["failures"]
+    inputs = [CatalogInput("recording", p["recording"], p["folder"], p["content"]) for p in parts]
+    inputs += [CatalogInput("recording", f["recording"], f["folder"]) for f in failures]
+    outcomes = [CatalogOutcome(p["recording"], "", cause=_found(p)) for p in parts]
+    outcomes += [CatalogOutcome(f["recording"], "", verdict="error", cause=f["why"]) for f in failures]
+    verdict = "error" if failures else ""
+    counts = {"mined": len(parts), "error": len(failures)} if failures else {}
+    return _FolderContents(folder.name, mined["versions"], verdict, counts, tuple(inputs), tuple(outcomes))
+
+
+def _found(part: Json) -> str:
+    """What was found in a recording, in a few words."""
+    return f"{sum(part['labels'].values())} maneuvers, {part['scenarios']} scenarios"
+
+
 _READERS: dict[ResultKind, Callable[[Path], _FolderContents]] = {
     "run": _run,
     "assessment": _assessment,
     "verification": _verification,
     "sweep": _sweep,
+    "mining": _mining,
 }
 
 

@@ -63,7 +63,7 @@ class OpenLoopFinding:
     def _untold(self) -> str:
         if not self.senses:
             return "what it perceived was not recorded: function, vehicle, or perception"
-        return "there are no recorded plans, and it is unknown whether this build drove; cause: function or vehicle"
+        return "no recorded plans cover the drive, and whether this build drove is unknown; cause: function or vehicle"
 
 
 _ANSWERS: Mapping[Function, str] = {

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from resim.resimulation.drive_outcome import DriveOutcome, Kpi, Rms
+from resim.verification.ends import another_collision
 from resim.verification.sequential import ERROR, SequentialTest, StoppingPoint
 from resim.verification.share import SeedShare
 from resim.verification.tolerance import Excess, Tolerances, excesses
@@ -139,9 +140,12 @@ def compare(
     if simulated.errors is not None:
         beyond += tolerances.beyond("pipeline", {"ego": simulated.errors})
     told = list(_differences(kpis, measured, simulated))
-    whole = simulated.whole or measured.collision
-    if not whole or measured.collision != simulated.collision:
+    alike = measured.collision == simulated.collision and (simulated.whole or measured.collision)
+    if not alike:
         told.append((None, _ended(measured, simulated)))
+    elif other := another_collision(measured, simulated):
+        alike = False
+        told.append((_sooner(measured, simulated), other))
     if late and reaction is not None and tolerances.reaction is not None:
         begun = min(t for t in (measured.reaction, simulated.reaction) if t is not None)
         off = "" if measured.reaction_spread is None else f" ± {measured.reaction_spread:.2f}"
@@ -156,8 +160,13 @@ def compare(
         t=min(times, default=None),
         differences=(*(text for _, text in told), *(f"{e.step} error: {e}" for e in beyond)),
         failure=simulated.failure,
-        whole=whole and measured.collision == simulated.collision,
+        whole=alike,
     )
+
+
+def _sooner(measured: DriveOutcome, simulated: DriveOutcome) -> float:
+    """When [s] the first of two collisions is."""
+    return min(end.t for end in (measured.bad, simulated.bad) if end is not None)
 
 
 def _ended(measured: DriveOutcome, simulated: DriveOutcome) -> str:

@@ -1,4 +1,5 @@
-"""Two runs that end badly, one of each build: whether the new one collides or leaves the road sooner, or harder."""
+"""Two runs that end badly: whether the new build's collides or leaves the road sooner, or harder, than the old one's;
+and whether a simulated collision is the measured one."""
 
 from __future__ import annotations
 
@@ -37,6 +38,20 @@ def worse_ends(old: DriveOutcome, new: DriveOutcome) -> Iterator[str]:
         yield HITS
     elif now.speed is not None and before.speed is not None and now.speed > before.speed + FASTER:
         yield HARDER
+
+
+def another_collision(measured: DriveOutcome, simulated: DriveOutcome) -> str:
+    """Say how the collision of a simulated drive is another than the measured one; "" where it is the same.
+
+    The same is with the same object, within EARLIER.
+    """
+    before, now = measured.bad, simulated.bad
+    if before is None or now is None or not (before.by == now.by == "collision"):
+        return ""
+    if before.object == now.object and abs(now.t - before.t) <= EARLIER:
+        return ""
+    told = (f"with {end.object} at {end.t:.1f} s" for end in (before, now))
+    return "the EGO collides {} in the drive, {} in simulation".format(*told)
 
 
 def ends_text(old: DriveOutcome, new: DriveOutcome, lost: tuple[str, ...]) -> str:

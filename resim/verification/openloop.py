@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.geometry import Floats, wrap_angle
 from resim.perception.runtime.recorded import RecordedPerception
 from resim.resimulation.compute_outcome import PARTED
@@ -20,6 +21,10 @@ ALIKE = 0.2
 """s for which plans may be others before the function is: it sees what was recorded within a cycle."""
 AHEAD = 2.0
 """s of each plan that are compared."""
+SHORTEST = 0.5
+"""s that a recorded plan reaches ahead, at least, to say anything."""
+UNPLANNED = 1.0
+"""s of the drive without such a plan beyond which it is not shown that the function plans as it did."""
 
 
 def open_loop(result: Resimulation, tolerances: Tolerances) -> OpenLoopFinding | None:
@@ -95,11 +100,16 @@ def _function(result: Resimulation, planned: float | None) -> Function:
 
 
 def _planned_otherwise(recorded: pd.DataFrame | None, drive: SimulatedDrive) -> float | None:
-    """For how long [s] the plans are others than those recorded, by `PARTED`; None where there are none to compare."""
+    """For how long [s] the plans are others than those recorded, by `PARTED`; None where that is not known.
+
+    Few or short recorded plans may show that it plans otherwise, but not that it plans as it did.
+    """
     if recorded is None or len(drive.plans) < 2:
         return None
     made = np.array([t for t, _ in drive.plans])
-    cycle, off = float(np.median(np.diff(made))), []
+    cycle = float(np.median(np.diff(made)))
+    off: list[bool] = []
+    compared: list[float] = []
     for when, plan in recorded.groupby("t"):
         t = float(when)  # type: ignore[arg-type]
         k = int(np.abs(made - t).argmin())
@@ -109,4 +119,10 @@ def _planned_otherwise(recorded: pd.DataFrame | None, drive: SimulatedDrive) -> 
             x, y, v = (np.interp(there.t_plan, own[:, 0], own[:, n]) for n in (1, 2, 3))
             away = np.hypot(x - there.x, y - there.y).max()
             off.append(away > PARTED["d"] or np.abs(v - there.v).max() > PARTED["v"])
-    return cycle * sum(off) if off else None
+            if float(there.t_plan.max()) - t >= SHORTEST - TICK:
+                compared.append(t)
+    if not off:
+        return None
+    otherwise = cycle * sum(off)
+    gaps = np.diff([float(made[0]), *compared, float(made[-1])])
+    return otherwise if otherwise > ALIKE or gaps.max() <= UNPLANNED + cycle + TICK else None

@@ -16,6 +16,7 @@ from resim.resimulation.drive_outcome import DriveOutcome, Kpi
 from resim.resimulation.result import Resimulation
 from resim.resimulation.run import run_on_gt, runs_on_gt
 from resim.scenario.variation import PARAMETERS, vary
+from resim.verification.ends import another_collision
 from resim.verification.sequential import SequentialTest
 from resim.verification.validity_interval import Unlike, ValidityInterval, search
 
@@ -75,6 +76,8 @@ def _unlike(found: DriveOutcome, measured: DriveOutcome) -> Unlike:
     flips = tuple(n for n, kpi in measured.kpis.items() if found.kpis.get(n, none).outcome != kpi.outcome)
     if found.collision != measured.collision:
         return Unlike(flips, (ENDS["collision"] if found.collision else "the EGO does not collide",))
+    if other := another_collision(measured, found):
+        return Unlike(flips, (other,))
     if not found.whole and not measured.collision:
         return Unlike(flips, (ENDS.get(found.end, f"the run ends by {found.end}"),))
     return Unlike(flips)

@@ -17,6 +17,7 @@ import resim
 from resim.core.json_text import json_text
 from resim.core.sealed import sealed
 from resim.core.spec import read_json, read_sealed_json, to_json
+from resim.jobs.mine import MineOptions, mine
 from resim.jobs.schemas import FORMATS, schema_of
 from resim.resimulation import PerceptionSetup, ResimulationOptions
 from resim.verification.request import VerifyOptions
@@ -52,6 +53,8 @@ SHIPPED = {
     "recipe": [*ROOT.glob("scenarios/catalog/generate/*.toml")],
     "naturalistic": [*ROOT.glob("scenarios/traffic/*.toml")],
     "perception": [*ROOT.glob("adfunc/perception/*.json")],
+    "labels": [*ROOT.glob("scenarios/mining/*.toml")],
+    "kinds": [*ROOT.glob("scenarios/catalog/kinds.toml")],
 }
 
 
@@ -76,6 +79,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     resim.verify(folder / "suite.toml", PILOT, folder / "verified", asked, workers=1)
     resim.compare(folder / "suite.toml", NEWER, PILOT, folder / "compared", workers=1)
     resim.assess(CORNER_CASE, criteria=CRITERIA).write(folder / "assessed")
+    mine([CORNER_CASE], folder / "mined", MineOptions(fit=False))
     resim.convert(ROOT / "networks" / "proving_ground.xodr", folder / "converted")
     return folder
 
@@ -122,6 +126,9 @@ WRITTEN: dict[str, tuple[str, list[Alter]]] = {
     "compared/verification.json": ("verification", [
         lambda f: f["recordings"][0]["pairs"][0].update(lost="all"),
         lambda f: f["summary"]["limits"]["lost"].update(kept=1),
+    ]),
+    "mined/mined.json": ("mined", [
+        lambda f: f.pop("files"), lambda f: f["parts"][0].update(hours="many"), lambda f: f["parts"][0].pop("content"),
     ]),
 }  # fmt: skip
 

@@ -454,3 +454,18 @@ def test_drac_is_what_the_ego_needs_and_nothing_for_who_comes_from_behind_or_nev
     for unavoidable in (drac(40.0, 20.0, np.pi), drac(1.0, 20.0), drac(-1.0, 20.0)):  # oncoming, touching
         assert unavoidable == (np.inf, State.VALUE)
     assert drac(80.0, 20.0)[1] == State.NO_CONFLICT
+
+
+@pytest.mark.parametrize(("x", "v"), [(-20.0, 5.0), (20.0, -9.0), (20.0, -3.0), (-60.0, 1.0)])
+def test_drac_of_who_reverses_is_that_of_its_mirror_image(x, v):
+    """The EGO turned round, with the other sign of its speed, drives the same way."""
+    t, size = np.arange(41) * 0.1, np.array([[4.7, 1.9]])
+
+    def drac(heading, speed):
+        plan = np.stack([-5.0 * t, 0.0 * t, heading + 0.0 * t, speed + 0.0 * t], axis=1)[None]
+        state = np.array([[[x, 0.0, 0.0, v, 0.0, 0.0]]])
+        found = c.drac(c.Pairs(plan, size, state, size[None], 0.1))
+        return found.value[0, 0], State(found.state[0, 0])
+
+    (reversing, state), (forward, same) = drac(0.0, -5.0), drac(np.pi, 5.0)
+    assert (reversing, state) == (pytest.approx(forward, nan_ok=True), same)

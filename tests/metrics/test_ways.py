@@ -84,6 +84,27 @@ def test_who_cuts_in_is_still_seen(network, s):
     assert after.r_ind[0] > 0.8 * before.r_ind[0]
 
 
+ROADS = """<OpenDRIVE><header revMajor="1" revMinor="6"/>{}</OpenDRIVE>"""
+ROAD = """<road id="{id}" length="500" junction="-1"><planView><geometry s="0" x="{x}" y="{y}" hdg="{hdg}" length="500">
+<line/></geometry></planView><lanes><laneSection s="0"><center><lane id="0" type="none" level="false"/></center>
+<right><lane id="-1" type="driving" level="false"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>
+</laneSection></lanes></road>"""
+
+
+@pytest.mark.parametrize(("apart", "is_one"), [(0.0, True), (0.6, True), (4.0, False)])
+def test_asphalt_that_is_drawn_as_two_roads_has_no_edge_between_them(tmp_path, apart, is_one):
+    """Two one-way roads side by side: who comes over the centre line is seen as on one road."""
+    roads = ROAD.format(id=1, x=0, y=0, hdg=0), ROAD.format(id=2, x=500, y=apart, hdg=np.pi)
+    (tmp_path / "two.xodr").write_text(ROADS.format("".join(roads)))
+    network = load(tmp_path / "two.xodr")
+    t = np.arange(41) * 0.1
+    plan = np.stack([100.0 + 15.0 * t, -1.75 + 0.0 * t, 0.0 * t, 15.0 + 0.0 * t], axis=1)
+    drifts = [180.0, 1.75 + apart, np.pi + (3.5 + apart) / 50.0, 15.0, 0.0, 0.0]
+    before, after = both(network, plan, drifts)
+    assert before.r_ind[0] > 0.03
+    assert (after.r_ind[0] > 0.5 * before.r_ind[0]) == is_one
+
+
 def test_who_overtakes_towards_us_is_still_seen(network):
     """An oncoming car that drifts over the centre line: there is room for it, and no edge."""
     drifts = on(network, 1, STRAIGHT, 15.0, turned=0.06, rate=0.0)

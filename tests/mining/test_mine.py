@@ -6,8 +6,10 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -16,11 +18,14 @@ from mining.planted import Drive, path_of, smooth, steady, tracks_of, write_moto
 from resim.core.errors import InputError
 from resim.jobs.mine import MineOptions, mine, read_mined
 from resim.mining.around import AroundOptions, peaks
+from resim.mining.page.graphs import counted_over_time
 from resim.recordings import Recording, read_recording, write_recording
 from resim.recordings.checked import load_checked
+from resim.results import MINING, remove_results
 from resim.road.opendrive import load
 from resim.scenario.jscen import read_jscen
 
+Call = Callable[..., tuple[int, str, str]]
 SHIPPED = Path(__file__).parents[2] / "scenarios"
 
 
@@ -119,6 +124,87 @@ def test_a_study_is_resumed_and_a_changed_recording_mined_anew(tmp_path: Path, d
     (out / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"notes\.txt"):
         mine([drive], out, replace(options, resume=True))
+
+
+def test_what_was_taken_away_or_changed_of_an_earlier_study_is_made_again(
+    tmp_path: Path, drive: Path
+) -> None:
+    out, options = tmp_path / "out", MineOptions(resume=True)
+    first = mine([drive], out, options).scenarios
+    scenario, file = out / first["folder"].iloc[0], out / first["jscen"].iloc[0]
+    before = {path: path.read_bytes() for path in (scenario / "gt.csv", file)}
+    for spoil in (
+        lambda: shutil.rmtree(scenario), file.unlink, lambda: (out / "parts/drive/part.json").write_text("{}"),
+        lambda: (out / "parts/drive/maneuvers.parquet").write_bytes(b"PAR1"),
+    ):  # fmt: skip
+        spoil()
+        assert mine([drive], out, options).scenarios.equals(first)
+        assert {path: path.read_bytes() for path in before} == before
+
+
+def test_scenarios_of_other_thresholds_have_jscen_files_of_their_own_windows(
+    tmp_path: Path, drive: Path
+) -> None:
+    out = tmp_path / "out"
+    mine([drive], out, MineOptions(around=AroundOptions("follow_lane", before=1.0, after=1.0), resume=True))
+    row = mine([drive], out, MineOptions(resume=True)).scenarios.iloc[0]
+    assert read_jscen(out / row["jscen"]).duration == pytest.approx(row["duration"])
+
+
+def test_an_input_within_the_folder_of_results_is_refused(tmp_path: Path, drive: Path) -> None:
+    out = tmp_path / "out"
+    found = mine([drive], out, MineOptions(fit=False))
+    inside = out / found.scenarios["folder"].iloc[0]
+    with pytest.raises(InputError, match="lies within --out"):
+        mine([inside], out, MineOptions(fit=False, resume=True))
+    assert inside.is_dir()
+
+
+def test_results_are_deleted_whole_or_not_at_all(tmp_path: Path, drive: Path) -> None:
+    out = tmp_path / "out"
+    found = mine([drive], out)
+    note = out / found.scenarios["folder"].iloc[0] / "note.txt"
+    note.write_text("mine")
+    with pytest.raises(InputError, match=r"note\.txt"):
+        remove_results(out, MINING)
+    note.unlink()
+    remove_results(out, MINING)
+    assert not out.exists()
+
+
+def test_one_scenario_is_drawn_and_played(tmp_path: Path, drive: Path, call: Call) -> None:
+    out, picture = tmp_path / "out", tmp_path / "one.svg"
+    name = mine([drive], out, MineOptions(fit=False)).scenarios["scenario"].iloc[0]
+    code, told, _ = call(
+        "mined", out, "--scenario", name, "--picture", picture, "--player", tmp_path / "one.html"
+    )
+    assert code == 0
+    assert "labels: lane_change_left" in told
+    drawn = ElementTree.parse(picture).getroot()
+    space = {"s": "http://www.w3.org/2000/svg"}
+    assert {text.text for text in drawn.findall("s:text", space)} == {"a", "b"}
+    lines = [
+        line.get("points", "").split() for line in drawn.findall("s:polyline[@stroke-width='1.6']", space)
+    ]
+    cut = read_recording(out / "recordings" / name).gt
+    assert {len(line) for line in lines} == {int(n) for n in cut.valid.sum(axis=1)}
+    assert "one.html" in told
+    assert call("mined", out, "--scenarios", "--label", "lane_change_left")[1].endswith("1 scenario\n")
+    assert call("mined", out, "--scenarios", "--label", "cut_in_left")[1] == "0 scenarios\n"
+    picture.write_text("<svg/>")
+    code, _, error = call("mined", out, "--scenario", name, "--picture", picture)
+    assert (code, picture.read_text()) == (2, "<svg/>")
+    assert "would be lost" in error
+    code, _, error = call("mined", out, "--picture", picture)
+    assert "--scenario" in error
+
+
+def test_speeders_and_who_stands_are_counted_at_each_time() -> None:
+    start, end = np.array([0.0, 1.0, 1.0, 5.0]), np.array([2.0, 1.5, 5.0, 6.0])
+    t, count = counted_over_time(start, end)
+    for now in np.arange(-0.25, 7.0, 0.5):
+        told = count[t <= now][-1] if (t <= now).any() else 0
+        assert told == ((start <= now) & (now < end)).sum()
 
 
 @pytest.mark.parametrize("what", ["TTC", "decision", "strong_braking"])

@@ -53,6 +53,11 @@ def world(t: float, ego: EgoState) -> World:
     )
 
 
+def test_sensor_data_of_the_ego_alone_show_nobody() -> None:
+    shown = RecordedPerception(GT, SD.select(["ego"]), ego="ego", senses_ego=True)
+    assert shown.perceive(world(0.5, EgoState(10.0, 0.0, 0.0, 20.0))).ids.tolist() == []
+
+
 def test_errors_follow_an_ego_that_drives_otherwise() -> None:
     """1.5 m too far ahead and 0.2 m too far left stay that, seen from an EGO that is elsewhere and turned."""
     shown = RecordedPerception(GT, SD, ego="ego", senses_ego=False)

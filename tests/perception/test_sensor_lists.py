@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from perception.worlds import STEP, column, correlation, look, model, ring, standing, steps
 
+from resim.perception.parts.false_objects import Clutter, FalseObjects
+from resim.perception.parts.id_switch import IdSwitches
 from resim.perception.runtime.sensor import Sensor
-from resim.simulation.function.interface import EgoState
+from resim.perception.runtime.streams import PartStreams, Streams
+from resim.simulation.function.interface import EgoState, Perceived
+from resim.simulation.perception import World
 
 
 def test_ids_switch_at_their_rate_and_stay_unique() -> None:
@@ -38,6 +42,38 @@ def test_false_objects_come_and_go_at_their_rate() -> None:
     assert np.hypot(x, y).mean() == pytest.approx(30.0, abs=2.5)
     assert 0.38 < np.abs(np.arctan2(y, x)).max() <= 0.4
     assert (v.mean(), v.std()) == (pytest.approx(20.0, abs=0.3), pytest.approx(2.0, abs=0.25))
+
+
+def test_nobody_is_seen_for_the_sake_of_a_false_object_of_his_name() -> None:
+    """Objects called as false ones are: they are never detected, and their ids are never on a list."""
+    false, ids = {"rate": 5.0, "lifetime": 1.0}, [f"false{n}" for n in range(1, 40)]
+    part = Clutter(FalseObjects(**false), np.random.default_rng(0))
+    plain, named = (
+        World(t, EgoState(0.0, 0.0, 0.0, 0.0), np.array(names), np.full(len(names), "car"),
+              *(np.zeros(len(names), dtype=kind) for kind in (complex, float, float, float, float)))
+        for t, names in ((0.0, ["a"]), (0.1, ids))
+    )  # fmt: skip
+    nobody = np.zeros(0)
+    for world in (plain, named):
+        empty = Perceived(world.t, world.ego, *(np.zeros(0, dtype=str),) * 2, *(nobody,) * 7)
+        seen = part.change(empty, world, 0.1)
+        assert len(seen.ids) > 0
+        assert not {*seen.ids.tolist()} & {*world.ids.tolist()}
+
+
+def test_switched_ids_are_nobody_elses() -> None:
+    names = np.array(["a", "a#2", "a#3"])
+    ego, zeros = EgoState(0.0, 0.0, 0.0, 0.0), np.zeros(3)
+    part = IdSwitches(5.0, PartStreams(Streams(np.random.default_rng(1)), "id_switch"))
+    switched = set()
+    for k in range(200):
+        world = World(0.1 * k, ego, names, np.full(3, "car"), zeros.astype(complex), *(zeros,) * 4)
+        ids = part.change(Perceived(world.t, ego, names, world.kind, *(zeros,) * 7), world, 0.1).ids.tolist()
+        assert len({*ids}) == 3
+        assert not (set(ids) - {"a", "a#2", "a#3"}) & {*names.tolist()}
+        assert all(name == own or name not in names for name, own in zip(ids, names.tolist(), strict=True))
+        switched |= {*ids}
+    assert len(switched) > 20
 
 
 def test_a_false_object_drives_on() -> None:

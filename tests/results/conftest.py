@@ -113,6 +113,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "assessment": ("assess", folder / "run"),
         "verification": ("verify", folder / "two.toml", "--build", pilot),
         "sweep": ("sweep", folder / "late.toml"),
+        "mining": ("mine", drive, "--scenarios", "recordings"),
     }.items():
         assert called(*command, "--out", folder / name) in (0, 1)
     monkeypatch.undo()

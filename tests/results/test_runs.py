@@ -40,7 +40,7 @@ def listed(call: Call, *options: object) -> list[dict[str, object]]:
 
 
 def test_results_of_every_kind_are_added_listed_and_shown(call: Call, made: Path) -> None:
-    folders = [made / name for name in ("run", "assessment", "verification", "sweep")]
+    folders = [made / name for name in ("run", "assessment", "verification", "sweep", "mining")]
     assert call("runs", "list") == (0, "no results\n", "")
     code, out, _ = call("runs", "add", *folders)
     assert code == 0
@@ -48,8 +48,10 @@ def test_results_of_every_kind_are_added_listed_and_shown(call: Call, made: Path
     assert "assessment 'cut_in_brake': not judged" in out
     assert "verification 'two': not verified (1/2)" in out
     assert "sweep 'late': FAIL (0/2)" in out
+    assert "mining 'mining': not judged" in out
+    assert "maneuvers, 1 scenarios" in call("runs", "show", made / "mining")[1]
     assert [(r["kind"], r["state"]) for r in listed(call)] == [
-        (kind, "there") for kind in ("sweep", "verification", "assessment", "run")
+        (kind, "there") for kind in ("mining", "sweep", "verification", "assessment", "run")
     ]
     (sweep,) = listed(call, "--kind", "sweep", "--build", "pilot", "--verdict", "fail")
     assert sweep["table"] == f"{made}/sweep/runs/*.parquet"

@@ -129,6 +129,19 @@ def test_without_plans_the_build_that_drove_is_known_by_its_hash_alone(driven: D
     assert step_of(verified(replace(recording, build_hash=None))) == "function or vehicle"
 
 
+@pytest.mark.parametrize("some", ["the first", "of the first second", "short ones"])
+def test_plans_that_do_not_cover_the_drive_say_nothing_of_it(driven: Drive, some: str) -> None:
+    recording = driven("lead_brakes_hard", "brakes with at most 3 m/s²", sees=True)
+    plan = recording.plan
+    assert plan is not None
+    kept = {
+        "the first": plan.t == plan.t.min(), "of the first second": plan.t < plan.t.min() + 1.0,
+        "short ones": plan.t_plan <= plan.t + 0.3,
+    }[some]  # fmt: skip
+    found = verified(replace(recording, plan=plan[kept], build_hash=None))
+    assert step_of(found) == "function or vehicle"
+
+
 def test_without_sensor_data_nobody_is_known_by_what_it_answers_to_the_truth(driven: Drive) -> None:
     recording = driven("lead_brakes_hard", "brakes with at most 3 m/s²", sees=True)
     unseen = replace(recording, sd=None, sd_gt_id=None, sd_rate=None)

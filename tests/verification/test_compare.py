@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from resim.resimulation.drive_outcome import COMFORT, DriveOutcome, Kpi
+from resim.resimulation.drive_outcome import COMFORT, BadEnd, DriveOutcome, Kpi
 from resim.verification.blame import OpenLoopFinding
 from resim.verification.cause import cause
 from resim.verification.compare import DriveComparison, SeedVerdict, compare
 from resim.verification.sequential import SequentialTest
 from resim.verification.tolerance import ErrorLimits, Excess, StepLimits, Tolerances
+from resim.verification.validity_runs import _unlike
 
 FREE = Tolerances(
     sensor=StepLimits(to=ErrorLimits(d=1.0)), fit=StepLimits(to=ErrorLimits(d=0.2)),
@@ -41,6 +42,27 @@ def test_only_equality_of_kpis_counts_not_their_values() -> None:
     """Groh 2018, III.B: both may fail, and by how much is not compared."""
     measured, simulated = drive(gap=kpi("FAIL", 0.2)), drive(gap=kpi("FAIL", 0.9))
     assert compare("rGT", measured, simulated, SMALL, FREE).verdict == "verified"
+
+
+@pytest.mark.parametrize(
+    ("now", "told"),
+    [
+        (BadEnd("collision", 2.7, 20.0, "A"), "with A at 2.7 s"),
+        (BadEnd("collision", 5.9, 20.0, "B"), "with B at 5.9 s"),
+        (BadEnd("collision", 6.7, 20.0, "A"), "with A at 6.7 s"),
+        (BadEnd("collision", 6.6, 20.0, "B"), ""),
+    ],
+)  # fmt: skip
+def test_another_collision_is_not_the_measured_one_nor_in_its_range(now: BadEnd, told: str) -> None:
+    told = told and f"the EGO collides with B at 6.7 s in the drive, {told} in simulation"
+    none = drive(gap=kpi("FAIL"))
+    measured = replace(none, collision=True, bad=BadEnd("collision", 6.7, None, "B"))
+    simulated = replace(none, collision=True, bad=now, end="collision")
+    found = compare("rGT", measured, simulated, SMALL, FREE)
+    assert found.verdict == ("not verified" if told else "verified")
+    assert found.differences == ((told,) if told else ())
+    assert ("end" in found.unequal) == bool(told)
+    assert _unlike(simulated, measured).others == ((told,) if told else ())
 
 
 def test_a_kpi_that_differs_is_told_with_the_second_at_which_it_fails() -> None:
@@ -240,7 +262,7 @@ def open_loop(function: str, *, off: bool = True, senses: bool = True) -> OpenLo
     [
         ("plans as recorded", True, True, "vehicle", "EGO speed 2 m/s (tolerance 0.5 m/s)"),
         ("is the build that drove", True, True, "vehicle", "is the build that drove"),
-        ("unknown", True, True, "function or vehicle", "and it is unknown whether this build drove"),
+        ("unknown", True, True, "function or vehicle", "whether this build drove is unknown"),
         ("unknown", True, False, "function or vehicle", "what it perceived was not recorded"),
         ("plans otherwise", True, True, "function", "plans differently from the recording, for 1.0 s"),
         ("plans otherwise", False, True, "function", "plans differently from the recording"),

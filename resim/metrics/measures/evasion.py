@@ -232,8 +232,9 @@ def _drac(p: CompletePairs) -> tuple[Floats, StateArray]:
 
 
 def _behind(p: CompletePairs) -> Bools:
-    """Whether the object's box (P,) lies wholly behind the EGO's."""
+    """Whether the object's box (P,) lies wholly behind the EGO's, as it drives."""
     ahead, _ = to_frame(p.state[:, 0], p.state[:, 1], p.plan[:, 0, 0], p.plan[:, 0, 1], p.plan[:, 0, 2])
     turn = p.state[:, 2] - p.plan[:, 0, 2]
     half = 0.5 * (np.abs(np.cos(turn)) * p.size[:, 0] + np.abs(np.sin(turn)) * p.size[:, 1])
-    return np.asarray(ahead + half < -0.5 * p.ego_size[:, 0])
+    way = np.where(p.plan[:, 0, 3] < 0.0, -1.0, 1.0)
+    return np.asarray(way * ahead + half < -0.5 * p.ego_size[:, 0])

@@ -6,7 +6,7 @@ lane that it is on (s along the centre, d to the left), its turn rate less that 
 follows the curve. It stays on what vehicles may drive on: its side is held at the edge.
 
 The edge is that of all lanes side by side that vehicles drive on, those of the other direction too: who cuts a curve
-or overtakes must be seen. In a junction there is no edge.
+or overtakes must be seen. In a junction there is no edge, and where lanes of another road begin within a metre of it.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ HARDEST = 4.0
 """Acceleration [m/s²] for which ways are long enough; faster ones end straight."""
 FREE = 1e3
 """Room [m] where there is no edge."""
+BEYOND = (0.3, 0.65, 1.0)
+"""m beyond an edge at which another road's lane makes it none."""
 INSIDE = 1e-8
 
 Sampled = tuple[Floats, ...]
@@ -158,7 +160,12 @@ def _lane(network: RoadNetwork, key: LaneKey) -> Sampled:
     left, right = _room(network, key, s)
     if not along:
         left, right = right, left
-    columns = (x, y, network.lane_heading(key.road, key.lane, s), left, right)
+    heading = network.lane_heading(key.road, key.lane, s)
+    if road.junction is None:
+        left, right = (
+            _open(network, (x, y, heading), room, side) for room, side in ((left, 1.0), (right, -1.0))
+        )
+    columns = (x, y, heading, left, right)
     return columns if along else tuple(column[::-1] for column in columns)
 
 
@@ -180,6 +187,20 @@ def _room(network: RoadNetwork, key: LaneKey, s: Floats) -> tuple[Floats, Floats
             room += network.lane_width(key.road, lane, s)
         sides.append(room)
     return sides[0], sides[1]
+
+
+def _open(network: RoadNetwork, centre: Sampled, room: Floats, side: float) -> Floats:
+    """Room (K,) [m], FREE where a lane that vehicles drive on lies beyond the edge: asphalt may be drawn as two roads.
+
+    centre: x, y, heading (K,) of the lane's centre as it is driven. side: 1 to the left, -1 to the right.
+    """
+    x, y, heading = centre
+    out = room.copy()
+    for beyond in BEYOND:
+        away = side * (room + beyond)
+        found = network.driving_lanes(x - away * np.sin(heading), y + away * np.cos(heading))
+        out[np.unique(found.point)] = FREE
+    return out
 
 
 def _joined(network: RoadNetwork, route: tuple[LaneKey, ...]) -> Sampled:

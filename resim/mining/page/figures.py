@@ -17,6 +17,8 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7f
 EGO = "#0072B2"
 WIDTH, HEIGHT = 360.0, 120.0
 """Pixels of a scenario from above."""
+NAMES = {"l": 170, "r": 14, "t": 10, "b": 44}
+"""Margins of a figure with names at its left."""
 MOST_MARKS = 20_000
 """Maneuvers of one recording that are drawn over time."""
 
@@ -42,7 +44,9 @@ def tags(scenarios: pd.DataFrame) -> Markup:
         for k, tag in enumerate(table.columns)
     )  # fmt: skip
     figure.update_layout(barmode="stack", showlegend=True)
-    figure.update_xaxes(title_text="vehicles, with the EGO")
+    figure.update_xaxes(
+        title_text="vehicles, with the EGO", dtick=max(1, round(float(np.ptp(table.index)) / 15.0))
+    )
     figure.update_yaxes(title_text="scenarios")
     return to_html(style(figure, 300.0), "tags")
 
@@ -63,12 +67,13 @@ def over_time(name: str, maneuvers: pd.DataFrame, number: int) -> Markup:
             figure_trace(
                 "scatter", x=own["t"].to_numpy(float), y=np.full(len(own), float(k)), mode="markers",
                 marker={"color": color, "size": 6.0}, name=label,
+                text=[f"{a} {b}".strip() for a, b in zip(own["object"], own["partner"], strict=True)],
             )
         )  # fmt: skip
     figure.update_layout(showlegend=False)
     figure.update_yaxes(tickvals=list(range(len(labels))), ticktext=labels)
     figure.update_xaxes(title_text=f"t [s] in {name}")
-    return to_html(style(figure, 80.0 + 22.0 * len(labels)), f"time{number}")
+    return to_html(style(figure, 80.0 + 22.0 * len(labels), margin=NAMES), f"time{number}")
 
 
 def top_view(tracks: Tracks, ego: str) -> Markup:

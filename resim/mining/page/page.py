@@ -12,7 +12,9 @@ from resim.core.files import shipped
 from resim.mining.catalog import count_kinds, read_kinds
 from resim.mining.page import figures
 from resim.mining.page.counts import buckets, statistics
+from resim.mining.page.graphs import graphs
 from resim.recordings import read_recording
+from resim.recordings.tables import read_parquet
 from resim.report.document import document
 from resim.report.markup import Markup, html, join
 from resim.report.tables import table
@@ -34,7 +36,7 @@ def write_mined_page(
     parts = [
         _header(report, maneuvers, scenarios), _section("Statistics", _numbers(maneuvers)),
         _section("Scenarios", _scenarios(scenarios, folder)), _section("Kinds of scenarios", _kinds(maneuvers)),
-        _section("Maneuvers over time", _over_time(report, maneuvers)), _section("Recordings", _recordings(report)),
+        _section("Over time", _over_time(report, maneuvers, folder)), _section("Recordings", _recordings(report)),
     ]  # fmt: skip
     body = html("<main>\n{}</main>", join(parts, "\n"))
     page = folder / ".mined.html"
@@ -104,19 +106,34 @@ def _kinds(maneuvers: pd.DataFrame) -> Markup:
     file = shipped() / KINDS
     if not file.is_file():
         return html("<p>The catalog of kinds is not installed.</p>")
-    rows = []
+    found, never, hidden = [], [], []
     for one in count_kinds(read_kinds(file), maneuvers):
-        told = "cannot be found" if one.found is None else "never" if one.found == 0 else str(one.found)
-        rows.append([one.kind.name, one.kind.catalog, told, one.kind.never or one.kind.reading])
-    return table(["kind", "catalog", "found", "reading, or why not"], rows)
+        row = [one.kind.name, one.kind.catalog, one.kind.never or one.kind.reading]
+        if one.found is None:
+            hidden.append(row)
+        elif one.found == 0:
+            never.append(row)
+        else:
+            found.append([*row[:2], str(one.found), row[2]])
+    told = table(["kind", "catalog", "found", "reading"], found) if found else html("<p>None was found.</p>")
+    return html(
+        "{}<details><summary>{} kinds were never found</summary>{}</details>"
+        "<details><summary>{} kinds cannot be found in object lists</summary>{}</details>",
+        told, len(never), table(["kind", "catalog", "reading"], never), len(hidden),
+        table(["kind", "catalog", "why not"], hidden),
+    )  # fmt: skip
 
 
-def _over_time(report: MiningReport, maneuvers: pd.DataFrame) -> Markup:
+def _over_time(report: MiningReport, maneuvers: pd.DataFrame, folder: Path) -> Markup:
     drawn = []
     for number, part in enumerate(report.parts[:OVER_TIME]):
         own = maneuvers[(maneuvers["recording"] == part.recording) & (maneuvers["label"] != "follow_lane")]
+        ways = read_parquet(folder / "parts" / part.recording / "overview.parquet")
+        drawn.append(html("<h3>{}</h3>", part.recording))
         if len(own):
             drawn.append(figures.over_time(part.recording, own, number))
+        if len(ways):
+            drawn.append(graphs(part.recording, ways, own, number))
     left = len(report.parts) - OVER_TIME
     more = html("<p>{} more recordings are in maneuvers.parquet.</p>", left) if left > 0 else Markup()
     return html("{}{}", join(drawn), more)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -78,7 +78,17 @@ class Clutter(RunningPart):
 
     def change(self, seen: Perceived, world: World, step: float) -> Perceived:
         """Give the list with those that are there now."""
-        return with_false(seen, self.at(world.t, world.ego), self.model, world.ego)
+        here = self.at(world.t, world.ego)
+        if here and not (names := set(world.ids.tolist())).isdisjoint(one.id for one in here):
+            here = self.alive = [self._renamed(one, names) if one.id in names else one for one in here]
+        return with_false(seen, here, self.model, world.ego)
+
+    def _renamed(self, one: FalseObject, names: set[str]) -> FalseObject:
+        """Give it an id that no object there has: nobody is seen for a false object's sake."""
+        while True:
+            self.count += 1
+            if (name := f"false{self.count}") not in names:
+                return replace(one, id=name)
 
     def at(self, t: float, ego: EgoState) -> list[FalseObject]:
         """Give those that are there at t [s], later than the last."""

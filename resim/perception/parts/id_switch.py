@@ -57,6 +57,7 @@ class IdSwitches(RunningPart):
         self.due = {name: self.due[name] for name in names if name not in new}
         self.due |= {name: self._after(name, world.t) for name in new}
         self.next, self.last = min(self.due.values(), default=math.inf), (0, b"")
+        self._avoid_others()
 
     def _switch(self, seen: set[str], t: float) -> None:
         """Give objects that are due, and on the list, another id."""
@@ -64,7 +65,15 @@ class IdSwitches(RunningPart):
             self.due[name] = self._after(name, t)
             if name in seen:
                 self.count[name] = self.count.get(name, 1) + 1
+        self._avoid_others()
         self.next, self.last = min(self.due.values()), (0, b"")
+
+    def _avoid_others(self) -> None:
+        """Take no id that another object has."""
+        names = () if self.present is None else set(self.present.tolist())
+        for name in self.count:
+            while f"{name}#{self.count[name]}" in names:
+                self.count[name] += 1
 
     def _after(self, name: str, t: float) -> float:
         """When [s] the next switch of an object is due."""

@@ -62,8 +62,8 @@ class RecordedPerception:
         known = np.array(
             [self.row.get(whole_id(name, self.row), -1) for name in world.ids.tolist()], dtype=np.intp
         )
-        off = self.off[:, known, k]
-        off[:, known < 0] = np.nan
+        off = np.full((len(self.off), len(known)), np.nan)
+        off[:, known >= 0] = self.off[:, known[known >= 0], k]
         on = np.isfinite(off).all(axis=0)
         ego = world.ego
         x, y = to_frame(world.position.real[on], world.position.imag[on], ego.x, ego.y, ego.heading)

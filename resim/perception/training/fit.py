@@ -16,6 +16,7 @@ from resim.perception.training.clusters import FEWEST
 from resim.perception.training.dependence import Dependence
 from resim.perception.training.detected import DetectedShare, DetectedTogether
 from resim.perception.training.errors import MEASURED, ObjectErrors
+from resim.perception.training.false_places import FalsePlaces
 from resim.perception.training.residuals import OwnErrorSamples, Residuals, of_mean, of_spread, residuals_of
 from resim.perception.training.samples import TrainingSamples
 from resim.perception.training.single import (
@@ -38,7 +39,7 @@ def fit_of(
     samples: TrainingSamples,
     objects: ObjectErrors,
     own: Mapping[str, Sequence[OwnErrorSamples]],
-    shares: Sequence[DetectedShare | DetectedTogether] = (),
+    shares: Sequence[DetectedShare | DetectedTogether | FalsePlaces] = (),
 ) -> ModelFit:
     """Test the model; own: samples with errors of their own, by quantity. Too few drives test nothing."""
     drives = len(np.unique(samples.drive))
@@ -49,7 +50,7 @@ def fit_of(
     }
     if drives < FEWEST:
         return ModelFit(drives=drives)
-    tests: list[SingleStatistic | Dependence | DetectedShare | DetectedTogether] = [
+    tests: list[SingleStatistic | Dependence | DetectedShare | DetectedTogether | FalsePlaces] = [
         test for q, r in every.items() for test in _tests(q, r, objects)
     ]
     tests += shares

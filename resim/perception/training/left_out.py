@@ -30,7 +30,8 @@ def left_out(
     known = samples.seen & np.isfinite(objects.features).all(axis=-1)
     counts = [
         ("lists", "the EGO's ground truth is missing at that time", max(lists - used, 0), lists),
-        ("samples", "they match no ground-truth object, and no gt_id is given: false objects", strangers, seen),
+        ("samples", "they match no ground-truth object, and no gt_id is given: false objects, which have no errors",
+         strangers, seen),
         ("samples", "they lie too far from their object, or its ground truth is missing at that time",
          seen - matched - strangers, seen),
         ("samples", "their object is perceived only once", matched - rows, seen),

@@ -12,6 +12,7 @@ from resim.perception.model import TrainedParameter, Update
 from resim.perception.parts.false_objects import FalseObjects
 from resim.perception.training.clusters import quantile
 from resim.perception.training.drive import TrainingDrive
+from resim.perception.training.false_places import false_tracks
 from resim.perception.training.matching import Matching
 
 REGULAR = 0.02
@@ -46,7 +47,6 @@ def fit_false(
 ) -> tuple[FalseObjects, dict[str, TrainedParameter]]:
     """Give how objects that are nobody come, live and go; where they are and how fast, as they were seen first."""
     births = deaths = risk = 0
-    first_seen = []
     for drive, matching in zip(drives, matchings, strict=True):
         for m in np.flatnonzero(matching.stranger.any(axis=1)):
             lists = np.flatnonzero(matching.stranger[m])
@@ -54,20 +54,17 @@ def fit_false(
             births += begin > 0
             deaths += end < len(drive.t) - 1
             risk += end - begin + (end < len(drive.t) - 1)
-            place = (
-                np.hypot(drive.x[m, begin], drive.y[m, begin]),
-                np.abs(np.arctan2(drive.y[m, begin], drive.x[m, begin])),
-            )
-            first_seen.append((*place, float(np.mean(drive.v[m, lists])), drive.length[m], drive.width[m]))
-    if not first_seen:
+    tracks = false_tracks(drives, matchings)
+    if not len(tracks):
         return FalseObjects(), {}
     lifetime = -step / float(np.log1p(-min((deaths + 0.5) / (risk + 1.0), 0.99)))
     noticed = (
         lifetime / step * -float(np.expm1(-step / lifetime))
     )  # who comes and goes between two lists is not seen
     time = sum(float(d.t[-1] - d.t[0]) for d in drives)
-    rate, n = births / max(time * noticed, 1e-9), len(first_seen)
-    distance, bearing, v, length, width = np.array(first_seen).T
+    rate, n = births / max(time * noticed, 1e-9), len(tracks)
+    distance, bearing, _, v, length, width, _ = tracks.T
+    bearing = np.abs(bearing)
     beyond = (n + 1.0) / n  # the largest of n falls short of the end by so much
     spread = float(v.std(ddof=1)) if n > 1 else 0.0
     false = FalseObjects(

@@ -157,8 +157,10 @@ class Regression:
         total = normal.sum(axis=0)
         scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
         values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
+        if scale[-1] <= 1e-6:
+            return None
         inverse = (vectors / np.maximum(values, 1e-9)) @ vectors.T / np.outer(scale, scale)
-        if scale[-1] <= 1e-6 or 1.0 / (inverse[-1, -1] * total[-1, -1]) < LEAST_OWN:
+        if 1.0 / (inverse[-1, -1] * total[-1, -1]) < LEAST_OWN:
             return None
         found = inverse @ right.sum(axis=0)
         covariance = larger(self.variance * inverse, between_drives(right - normal @ found, normal))

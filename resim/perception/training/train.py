@@ -25,6 +25,7 @@ from resim.perception.training.detection import field_of_view, fit_detection, si
 from resim.perception.training.drive import TrainingDrive, drive_of
 from resim.perception.training.errors import MEASURED, ObjectErrors, error_of, fit_objects
 from resim.perception.training.estimates import error_estimates, lag_estimates
+from resim.perception.training.false_places import FalsePlaces, false_tracks
 from resim.perception.training.fit import fit_of
 from resim.perception.training.left_out import left_out
 from resim.perception.training.lists import fit_false, fit_switches, fit_update
@@ -107,7 +108,15 @@ def _trained(recordings: Sequence[Recording], name: str) -> PerceptionModel:
             drives=len(drives),
             matched=matched,
             estimates=estimates,
-            fit=fit_of(samples, objects, own_errors, [kind(sightings, view, detection) for kind in DETECTED]),
+            fit=fit_of(
+                samples,
+                objects,
+                own_errors,
+                [
+                    *(kind(sightings, view, detection) for kind in DETECTED),
+                    FalsePlaces(false_tracks(drives, matchings), false),
+                ],
+            ),
             left_out=left_out(recordings, drives, matchings, samples, objects),
         ),
     )
