@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
 
-from resim.core.errors import InputError, ResimError
+from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.core.spelling import unknown
-from resim.execution.child import Failure
-from resim.execution.workers import run_all
 from resim.jobs.given import path_of
 from resim.jobs.play import play
 from resim.mining.around import AroundOptions, moments_finder
@@ -27,8 +24,8 @@ from resim.mining.maneuver import label_names
 from resim.mining.own_labels import read_rules
 from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
-from resim.mining.scenario_files import FitTask, fit_scenario
-from resim.mining.study import MinedPart, StudyOptions, finish_part, mine_into, pending_fits
+from resim.mining.study import MinedPart, StudyOptions
+from resim.mining.study_run import mine_all
 from resim.recordings import read_recording
 from resim.recordings.settings import SETTINGS
 from resim.recordings.tables import read_parquet
@@ -134,68 +131,18 @@ def mine(
     target = path_of(out)
     _check_target(target, options.resume, [*folders, *([] if options.labels is None else [options.labels])])
     study = _study(options)
-    parts: list[MinedPart] = []
-    failures: dict[str, MinedFailure] = {}
     with explain_os_errors(target), locked(target, "another `resim mine`"):
         (target / MARK).unlink(missing_ok=True)
         named = _named(folders)
-        for name, folder in named.items():
-            try:
-                with contextlib.chdir("."):
-                    parts.append(mine_into(folder, name, target, study))
-            except ResimError as e:
-                failures[name] = MinedFailure(name, str(folder), str(e))
-                heard(failures[name])
-        done: dict[str, MinedPart] = {}
-        for told in _fitted(target, parts, options.workers or os.cpu_count() or 1):
-            heard(told)
-            if isinstance(told, MinedFailure):
-                failures[told.recording] = told
-            else:
-                done[told.recording] = told
-        whole = [done[name] for name in named if name in done]
-        missed = [failures[name] for name in named if name in failures]
-        if not whole:
-            raise InputError(target, f"no recording could be mined: {missed[0].why}", "See `resim check`.")
-        return _finish(target, study, whole, missed)
-
-
-def _fitted(target: Path, parts: list[MinedPart], workers: int) -> Iterator[MinedPart | MinedFailure]:
-    """Fit what is still to be fitted of all parts, and finish each: gives it, or why its fits broke off."""
-    tasks: list[FitTask] = []
-    owner: list[str] = []
-    left: dict[str, int] = {}
-    for part in parts:
-        own = pending_fits(target, part.recording)
-        tasks, owner = tasks + own, owner + [part.recording] * len(own)
-        left[part.recording] = len(own)
-    by_name = {part.recording: part for part in parts}
-    why: dict[str, dict[str, str]] = {name: {} for name in by_name}
-    broken: dict[str, str] = {}
-
-    def ended(name: str) -> MinedPart | MinedFailure:
-        if name in broken:
-            return MinedFailure(name, by_name[name].folder, f"a fit broke off: {broken[name]}")
-        return finish_part(target, by_name[name], why[name])
-
-    yield from (ended(name) for name, count in left.items() if not count)
-    for k, told in _results(tasks, min(workers, max(len(tasks), 1))):
-        name = owner[k]
-        if isinstance(told, Failure):
-            broken[name] = told.reason
-        elif told:
-            why[name][tasks[k].file.name] = told
-        left[name] -= 1
-        if not left[name]:
-            yield ended(name)
-
-
-def _results(tasks: list[FitTask], workers: int) -> Iterator[tuple[int, str | Failure]]:
-    """What comes of each fit, with its place: in this process, or in several."""
-    if workers == 1:
-        yield from ((k, fit_scenario(task)) for k, task in enumerate(tasks))
-    else:
-        yield from run_all(fit_scenario, tasks, workers=workers, time_limit=float("inf"))
+        told: dict[str, MinedPart | MinedFailure] = {}
+        for one in mine_all(named, target, study, options.workers or os.cpu_count() or 1):
+            told[one.recording] = one
+            heard(one)
+        parts = [one for name in named if isinstance(one := told[name], MinedPart)]
+        failures = [one for name in named if isinstance(one := told[name], MinedFailure)]
+        if not parts:
+            raise InputError(target, f"no recording could be mined: {failures[0].why}", "See `resim check`.")
+        return _finish(target, study, parts, failures)
 
 
 def read_mined(folder: str | Path) -> MiningResult:
