@@ -6,6 +6,7 @@ labels, scenarios written as recordings, tables and the page. The last line is J
 computing time), vehicles_per_s, and how the factor changes with hours and density.
 
     python tools/bench/mine.py [--quick] [--keep FOLDER]
+    python tools/bench/mine.py --recordings FOLDER      those of `resim traffic`, and the peak of memory after each
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from resim.mining.extraction import extract
 from resim.mining.features import features
 from resim.mining.find import find_maneuvers
 from resim.mining.settings import DEFAULT_SETTINGS
-from resim.recordings import Recording, write_recording
+from resim.recordings import Recording, read_recording, write_recording
 from resim.road.opendrive import load
 
 RATE, LENGTH, LANES, WIDTH = 25.0, 1000.0, 3, 3.5
@@ -89,9 +90,40 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a quarter of an hour")
     parser.add_argument("--keep", type=Path, help="keep recordings and results in this folder")
+    parser.add_argument("--recordings", type=Path, help="folder of recordings, in place of drawn traffic")
     asked = parser.parse_args()
+    if asked.recordings:
+        made_before(asked.recordings)
+        return
     with tempfile.TemporaryDirectory() as scratch:
         bench(asked.keep or Path(scratch), 1 if asked.quick else 4)
+
+
+def made_before(folder: Path) -> None:
+    """Mine recordings that are there, one after the other, and say how time and peak memory grow with them."""
+    folders = sorted(one.parent for one in folder.glob("*/recording.toml"))
+    begin, cpu, peaks = time.perf_counter(), time.process_time(), []
+
+    def heard(told: object) -> None:
+        peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+        spent = time.process_time() - cpu
+        print(
+            f"{getattr(told, 'recording', '')}: {spent:.1f} s of a core so far, peak {peaks[-1]} MB",
+            flush=True,
+        )
+
+    with tempfile.TemporaryDirectory() as scratch:
+        found = mine(folders, Path(scratch) / "mined", MineOptions(fit=False), heard=heard)
+    whole, spent = time.perf_counter() - begin, time.process_time() - cpu
+    recorded = sum(float(np.ptp(read_recording(one).gt.t)) for one in folders)
+    parts = found.report.parts
+    told = {
+        "realtime_factor": round(recorded / spent, 1), "vehicles_per_s": round(sum(p.objects for p in parts) / spent, 1),
+        "seconds": round(spent, 1), "wall_s": round(whole, 1), "recorded_s": round(recorded, 1),
+        "recordings": len(parts), "vehicle_hours": round(sum(p.hours for p in parts), 2),
+        "scenarios": len(found.scenarios), "memory_mb_first": peaks[0], "memory_mb": peaks[-1],
+    }  # fmt: skip
+    print(json.dumps(told))
 
 
 def bench(folder: Path, quarters: int) -> None:
