@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, app, command
+from resim.cli.app import Accept, Workers, app, command
 from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 from resim.core.errors import InputError
@@ -50,18 +50,19 @@ def mine(
         WrittenScenarios,
         typer.Option(help="What is written of each scenario, beside its row in scenarios.parquet."),
     ] = WrittenScenarios.fitted,
+    workers: Workers = None,
     accept: Accept = None,
 ) -> None:
     """Find maneuvers in recordings, and cut the scenarios out, as recordings and JSCEN files.
 
     Writes maneuvers.parquet, scenarios.parquet, recordings/, maps/ with the JSCEN files, and mined.html. A recording
     that cannot be mined is told of, and the others are mined all the same. What the folder holds of recordings
-    that were mined alike before is kept.
+    that were mined alike before is kept, and what a call that was stopped left behind is resumed.
     """
     from resim.jobs import mine as job
 
     write, fit = scenarios != WrittenScenarios.rows, scenarios == WrittenScenarios.fitted
-    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, resume=True)
+    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, resume=True, workers=workers)
     found = job.mine(recordings, out, options, heard=_tell)
     _print(found)
     say(f"{out}: mined.html, maneuvers.parquet, scenarios.parquet")

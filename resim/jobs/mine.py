@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +18,8 @@ from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.core.spelling import unknown
+from resim.execution.child import Failure
+from resim.execution.workers import run_all
 from resim.jobs.given import path_of
 from resim.jobs.play import play
 from resim.mining.around import AroundOptions, moments_finder
@@ -24,7 +27,8 @@ from resim.mining.maneuver import label_names
 from resim.mining.own_labels import read_rules
 from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
-from resim.mining.study import MinedPart, StudyOptions, mine_into
+from resim.mining.scenario_files import FitTask, fit_scenario
+from resim.mining.study import MinedPart, StudyOptions, finish_part, mine_into, pending_fits
 from resim.recordings import read_recording
 from resim.recordings.settings import SETTINGS
 from resim.recordings.tables import read_parquet
@@ -58,6 +62,7 @@ class MineOptions:
         write: Whether scenarios are written as recordings.
         fit: Whether they are fitted and written as JSCEN files.
         resume: Whether the folder may hold an earlier study, of which all is kept that is as it would be.
+        workers: Processes that fit scenarios; all cores, if None. The results do not depend on it.
     """
 
     labels: Path | None = None
@@ -66,6 +71,7 @@ class MineOptions:
     write: bool = True
     fit: bool = True
     resume: bool = False
+    workers: int | None = None
 
 
 @dataclass(frozen=True)
@@ -129,22 +135,67 @@ def mine(
     _check_target(target, options.resume, [*folders, *([] if options.labels is None else [options.labels])])
     study = _study(options)
     parts: list[MinedPart] = []
-    failures: list[MinedFailure] = []
+    failures: dict[str, MinedFailure] = {}
     with explain_os_errors(target), locked(target, "another `resim mine`"):
         (target / MARK).unlink(missing_ok=True)
-        for name, folder in _named(folders).items():
-            told: MinedPart | MinedFailure
+        named = _named(folders)
+        for name, folder in named.items():
             try:
                 with contextlib.chdir("."):
-                    told = mine_into(folder, name, target, study)
-                parts.append(told)
+                    parts.append(mine_into(folder, name, target, study))
             except ResimError as e:
-                told = MinedFailure(name, str(folder), str(e))
-                failures.append(told)
+                failures[name] = MinedFailure(name, str(folder), str(e))
+                heard(failures[name])
+        finished: dict[str, MinedPart] = {}
+        for told in _fitted(target, parts, options.workers or os.cpu_count() or 1):
             heard(told)
-        if not parts:
-            raise InputError(target, f"no recording could be mined: {failures[0].why}", "See `resim check`.")
-        return _finish(target, study, parts, failures)
+            if isinstance(told, MinedFailure):
+                failures[told.recording] = told
+            else:
+                finished[told.recording] = told
+        whole = [finished[part.recording] for part in parts if part.recording in finished]
+        missed = [failures[name] for name in named if name in failures]
+        if not whole:
+            raise InputError(target, f"no recording could be mined: {missed[0].why}", "See `resim check`.")
+        return _finish(target, study, whole, missed)
+
+
+def _fitted(target: Path, parts: list[MinedPart], workers: int) -> Iterator[MinedPart | MinedFailure]:
+    """Fit what is still to be fitted of all parts, and finish each: gives it, or why its fits broke off."""
+    tasks: list[FitTask] = []
+    owner: list[str] = []
+    left: dict[str, int] = {}
+    for part in parts:
+        own = pending_fits(target, part.recording)
+        tasks, owner = tasks + own, owner + [part.recording] * len(own)
+        left[part.recording] = len(own)
+    by_name = {part.recording: part for part in parts}
+    why: dict[str, dict[str, str]] = {name: {} for name in by_name}
+    broken: dict[str, str] = {}
+
+    def ended(name: str) -> MinedPart | MinedFailure:
+        if name in broken:
+            return MinedFailure(name, by_name[name].folder, f"a fit broke off: {broken[name]}")
+        return finish_part(target, by_name[name], why[name])
+
+    yield from (ended(name) for name, count in left.items() if not count)
+    for k, told in _results(tasks, min(workers, max(len(tasks), 1))):
+        name = owner[k]
+        if isinstance(told, Failure):
+            broken[name] = told.reason
+        elif told:
+            why[name][tasks[k].file.name] = told
+        left[name] -= 1
+        if not left[name]:
+            yield ended(name)
+
+
+def _results(tasks: list[FitTask], workers: int) -> Iterator[tuple[int, str | Failure]]:
+    """What comes of each fit, with its place: in this process, or in several."""
+    if workers == 1:
+        yield from ((k, fit_scenario(task)) for k, task in enumerate(tasks))
+    else:
+        yield from run_all(fit_scenario, tasks, workers=workers, time_limit=float("inf"))
 
 
 def read_mined(folder: str | Path) -> MiningResult:

@@ -11,6 +11,7 @@ import numpy as np
 from resim.core.errors import InputError
 from resim.core.files import file_hash, shipped
 from resim.core.tracks import Tracks
+from resim.jobs.driven_traffic import EgoWindow, TrafficEgo, read_ego, with_ego
 from resim.jobs.generate import TRUTH
 from resim.jobs.given import path_of
 from resim.recordings import Recording, write_recording
@@ -39,6 +40,9 @@ class TrafficRecording:
         kilometres: How far they drive together [km].
         labels: How often each maneuver is in the truth.
         left_out: Ids of vehicles that are left out, with the reason.
+        driver: The build that drives its EGO, "" where SUMO does.
+        note: How the drive ended early, or that nobody could be the EGO; "" for nothing.
+        failed: Whether the function failed.
     """
 
     folder: Path
@@ -46,6 +50,9 @@ class TrafficRecording:
     kilometres: float
     labels: dict[str, int]
     left_out: tuple[tuple[str, str], ...]
+    driver: str = ""
+    note: str = ""
+    failed: bool = False
 
 
 def shipped_traffic() -> Path:
@@ -65,6 +72,8 @@ def make_traffic(
     settings: str | Path | None = None,
     seed: int = 1,
     highd: bool = False,
+    build: str | Path | None = None,
+    perception: str | Path | None = None,
 ) -> Iterator[TrafficRecording]:
     """Make recordings of SUMO's traffic on a map, each with its table of truth beside it (`truth.csv`).
 
@@ -75,12 +84,16 @@ def make_traffic(
         settings: TOML file; those of a motorway that ship, if None.
         seed: Of all draws.
         highd: Whether CSV of the highD family is written as well, into the folder `highd`.
+        build: Build file of an AD function that drives one vehicle of each recording, in closed loop; that of the
+            settings, if None.
+        perception: Perception model (JSON) by which that vehicle senses the others; that of the settings, if None.
 
     Returns:
-        The recordings, each as soon as it is written.
+        The recordings, each as soon as it is written. With a build or a model each lasts as long as its EGO is there.
 
     Raises:
-        InputError: The settings are wrong, the map cannot be entered, or the folder is there already.
+        InputError: The settings, the build or the model are wrong, the map cannot be entered, or the folder is there
+            already.
         ConversionError: The map cannot be converted.
         ResimError: SUMO fails.
     """
@@ -91,58 +104,67 @@ def make_traffic(
         raise InputError(folder, "exists already", "Name a new folder: a recording is never replaced.")
     file = path_of(settings) if settings is not None else shipped_traffic()
     told, network = read_naturalistic(file), load(path)
-    provenance = {
+    provenance: dict[str, str] = {
         "source": f"resim traffic, seed {seed}, SUMO {sumo_version()}",
         "settings": f"{file.name}, SHA-256 {file_hash(file)}",
         "map": f"{path.name}, SHA-256 {file_hash(path)}",
     }
+    ego = read_ego(file, told.ego, *(None if one is None else path_of(one) for one in (build, perception)))
+    provenance |= {} if ego is None else ego.provenance()
     made = 0
     for number, window in enumerate(
         traffic_windows(network, told, duration=3600.0 * hours, rate=RATE, seed=seed)
     ):
         if not len(window.tracks):
             continue
-        one = _write(window, path, folder, number, provenance)
+        drawn = int(np.random.default_rng([seed, 3, number]).integers(2**31))
+        found = None if ego is None else with_ego(window, ego, network, RATE, drawn)
+        one = _write(found or _plain(window, path, ego), path, folder / f"{number:03d}", provenance)
         if highd:
-            write_highd(window.tracks, folder / "highd", number, RATE)
+            write_highd(found.window.tracks if found else window.tracks, folder / "highd", number, RATE)
         made += 1
         yield one
     if not made:
         raise InputError(file, "no vehicle came in this time", "Raise per_lane, or ask for more hours.")
 
 
-def _write(
-    window: TrafficWindow, road: Path, folder: Path, number: int, provenance: dict[str, str]
-) -> TrafficRecording:
-    name = f"{number:03d}"
-    tracks = _rounded(window.tracks)
-    more = {"begin": f"{window.begin:g} s of the traffic"}
-    if window.left_out:
-        more["left_out"] = "; ".join(f"{one}: {why}" for one, why in window.left_out)
+def _plain(window: TrafficWindow, road: Path, ego: TrafficEgo | None) -> EgoWindow:
+    """A window without an EGO that is driven or senses."""
+    note = "" if ego is None else f"no {ego.settings.kind} is there for long enough to be the EGO"
     recording = Recording(
-        name=name,
-        map=road.absolute(),
-        ego=_ego(tracks),
-        gt=tracks,
-        gt_rate=RATE,
-        provenance={**provenance, **more},
+        name="", map=road, ego=_longest_first(window.tracks), gt=window.tracks, gt_rate=RATE
     )
-    write_recording(recording, folder / name, parquet=True)
-    truth = truth_table(name, window.maneuvers)
-    with whole_file(folder / name / TRUTH, None) as beside:
+    return EgoWindow(recording, window, note)
+
+
+def _write(one: EgoWindow, road: Path, folder: Path, provenance: dict[str, str]) -> TrafficRecording:
+    window, recording = one.window, one.recording
+    tracks = _rounded(recording.gt)
+    more = {"begin": f"{window.begin:g} s of the traffic", **recording.provenance}
+    if window.left_out:
+        more["left_out"] = "; ".join(f"{name}: {why}" for name, why in window.left_out)
+    whole = replace(
+        recording, name=folder.name, map=road.absolute(), gt=tracks, provenance={**provenance, **more},
+        sd=None if recording.sd is None else _rounded(recording.sd),
+    )  # fmt: skip
+    write_recording(whole, folder, parquet=True)
+    truth = truth_table(folder.name, window.maneuvers)
+    with whole_file(folder / TRUTH, None) as beside:
         truth.to_csv(beside, index=False, lineterminator="\n")
     km = float(np.nansum(np.abs(tracks.v))) / RATE / 1000.0
     labels = {str(label): int(count) for label, count in truth["label"].value_counts().sort_index().items()}
-    return TrafficRecording(folder / name, len(tracks), km, labels, window.left_out)
+    return TrafficRecording(
+        folder, len(tracks), km, labels, window.left_out, recording.build or "", one.note, one.failed
+    )
 
 
 def _rounded(tracks: Tracks) -> Tracks:
     """Micrometres and the like: what is beyond only takes space."""
-    names = ("x", "y", "heading", "v", "a", "yaw_rate")
-    return replace(tracks, **{name: np.round(getattr(tracks, name), DIGITS) for name in names})
+    told = ((name, getattr(tracks, name)) for name in ("x", "y", "heading", "v", "a", "yaw_rate"))
+    return replace(tracks, **{name: np.round(values, DIGITS) for name, values in told if values is not None})
 
 
-def _ego(tracks: Tracks) -> str:
+def _longest_first(tracks: Tracks) -> str:
     """The vehicle that is there from the first time on, and longest; the lowest id of several."""
     lasts = tracks.valid.sum(axis=1) + len(tracks.t) * tracks.valid[:, 0]
     return str(tracks.ids[int(np.argmax(lasts))])

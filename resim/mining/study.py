@@ -1,8 +1,8 @@
 """The study: recordings one after the other, each mined, its tables and scenarios written, and then forgotten.
 
 The folder: `parts/<recording>/` with the tables of each and `part.json`, by which a recording that was mined before is
-known; `recordings/`, `maps/<map>/` with the map and the JSCEN files; and of all together maneuvers.parquet and
-scenarios.parquet.
+known (`cut.json` while its scenarios are being fitted); `recordings/`, `maps/<map>/` with the map and the JSCEN files;
+and of all together maneuvers.parquet and scenarios.parquet.
 """
 
 from __future__ import annotations
@@ -16,14 +16,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from resim.core.errors import InputError, ResimError
+from resim.core.errors import InputError
 from resim.core.files import check_hashes, file_hash
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
-from resim.mining.cutting import cut, write_cut, write_described
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
@@ -32,6 +30,7 @@ from resim.mining.overview import overview_frame
 from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
+from resim.mining.scenario_files import FitTask, fit_tasks, forget_scenarios, with_fits, write_scenarios
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines, load_checked
@@ -40,7 +39,8 @@ from resim.recordings.tables import read_parquet
 from resim.results import write_json, write_parquet
 from resim.road.opendrive import RoadNetwork, load
 
-PART = "part.json"
+PART, CUT = "part.json", "cut.json"
+"""What says of a part that it is finished, and that its scenarios are cut out but not yet all fitted."""
 PART_TABLES = ("maneuvers", "scenarios", "overview")
 WRITTEN_BY, REMEDY = "resim mine", "Mine the recording again."
 SCENARIOS = Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]
@@ -191,115 +191,75 @@ class StudyOptions:
 def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> MinedPart:
     """Mine a recording folder under this name into the study's folder, or take what was mined before.
 
+    Scenarios that are to be fitted are not yet: `pending_fits` gives what is left to do, `finish_part` ends it.
     Raises InputError and other ResimErrors for a recording that cannot be mined.
     """
     content, key = content_hash(folder), options.key()
     part = out / "parts" / name
     if (before := _kept(part, out, content, key)) is not None:
         return before
-    _remove(part, out, name)
+    shutil.rmtree(part, ignore_errors=True)
+    forget_scenarios(out, name)
     recording = load_checked(folder, accept=options.accept)
     mined = mine_recording(
         replace(recording, name=name), options.rules, options.scenarios and options.scenarios[1]
     )
     frame = scenario_frame(name, mined.features, mined.scenarios, mined.names)
     if options.write:
-        frame = _write_scenarios(mined, frame, out, fit=options.fit)
+        frame = write_scenarios(mined.recording, mined.scenarios, frame, out, fit=options.fit)
     part.mkdir(parents=True, exist_ok=True)
     write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
     write_parquet(frame, part / "scenarios.parquet")
     write_parquet(overview_frame(mined.features), part / "overview.parquet")
-    files = {f"{table}.parquet": file_hash(part / f"{table}.parquet") for table in PART_TABLES}
-    told = replace(summary(mined, name, folder, (content, key)), files=files)
-    write_json(sealed(to_json(told)), part / f".{PART}")
-    (part / f".{PART}").replace(part / PART)
-    return told
+    return _write_mark(summary(mined, name, folder, (content, key)), part / CUT)
 
 
 def _kept(part: Path, out: Path, content: str, key: str) -> MinedPart | None:
-    """What was mined before, where it follows from the same and all of it is there."""
-    try:
-        before = read_sealed_json(part / PART, MinedPart, WRITTEN_BY, REMEDY)
-        if (before.content, before.key) != (content, key):
-            return None
-        check_hashes(part, before.files, REMEDY)
-        rows = read_parquet(part / "scenarios.parquet")
-    except InputError:
-        return None
-    written = [name for column in ("folder", "jscen") for name in rows[column].tolist() if name]
-    return before if all((out / name).exists() for name in written) else None
-
-
-def _remove(part: Path, out: Path, name: str) -> None:
-    """Take away what is left of a recording that was mined otherwise, or not to the end."""
-    for old in (out / "recordings").glob(f"{name}_*_*"):
-        if old.is_dir() and _is_of(old, name):
-            for file in (out / "maps").glob(f"*/{old.name}.jscen.json"):
-                file.unlink()
-            shutil.rmtree(old)
-    shutil.rmtree(part, ignore_errors=True)
-
-
-def _is_of(folder: Path, name: str) -> bool:
-    """Whether a scenario's folder was cut out of a recording of this name."""
-    settings = folder / "recording.toml"
-    return settings.is_file() and f'mined_from = "{name}"' in settings.read_text("utf-8")
-
-
-def _write_scenarios(mined: MinedRecording, frame: pd.DataFrame, out: Path, *, fit: bool) -> pd.DataFrame:
-    """Write all scenarios as recordings, and fitted ones; gives the table with where they are."""
-    road = map_beside(mined.recording.map, out)
-    folders, files, notes = [], [], []
-    for one, name in zip(mined.scenarios, mined.names, strict=True):
-        labels = ", ".join(dict.fromkeys(m.label for m in one.triggers))
-        note, described = "", ""
+    """What was mined before, where it follows from the same and all of it is there; its fits may be left to do."""
+    for mark, columns in ((PART, ("folder", "jscen")), (CUT, ("folder",))):
         try:
-            scenario = cut(mined.recording, one, name, labels)
-            target = out / "recordings" / name
-            if not target.is_dir():
-                write_cut(scenario, target, road)
-            folders.append(f"recordings/{name}")
-        except ResimError as e:
-            folders.append("")
-            note = str(e)
-        else:
-            if fit:
-                described, note = _described(scenario, mined.network, road)
-        files.append(described)
-        notes.append(note or _partial(one))
-    return frame.assign(folder=folders, jscen=files, note=notes).astype(
-        dict.fromkeys(("folder", "jscen", "note"), "string")
+            before = read_sealed_json(part / mark, MinedPart, WRITTEN_BY, REMEDY)
+            check_hashes(part, before.files, REMEDY)
+            rows = read_parquet(part / "scenarios.parquet")
+        except InputError:
+            continue
+        written = [name for column in columns for name in rows[column].fillna("").tolist() if name]
+        if (before.content, before.key) == (content, key) and all((out / name).exists() for name in written):
+            return before
+    return None
+
+
+def pending_fits(out: Path, name: str) -> list[FitTask]:
+    """Give the scenarios of a part that are still to be fitted: none of one that is finished."""
+    part = out / "parts" / name
+    if not (part / CUT).is_file():
+        return []
+    return fit_tasks(read_parquet(part / "scenarios.parquet"), out)
+
+
+def finish_part(out: Path, told: MinedPart, failed: dict[str, str]) -> MinedPart:
+    """End a part whose fits are done: its table says where JSCEN files are. failed: why not, by the file's name."""
+    part = out / "parts" / told.recording
+    if not (part / CUT).is_file():
+        return told
+    whole = with_fits(read_parquet(part / "scenarios.parquet"), out, failed)
+    write_parquet(whole, part / ".scenarios.parquet")
+    (part / ".scenarios.parquet").replace(part / "scenarios.parquet")
+    finished = _write_mark(told, part / PART)
+    (part / CUT).unlink()
+    return finished
+
+
+def _write_mark(told: MinedPart, file: Path) -> MinedPart:
+    """Write what is told of a part with the hashes of its tables; gives it with them."""
+    part = file.parent
+    whole = replace(
+        told, files={f"{table}.parquet": file_hash(part / f"{table}.parquet") for table in PART_TABLES}
     )
-
-
-def _described(scenario: Recording, network: RoadNetwork, road: Path) -> tuple[str, str]:
-    """Where the JSCEN file of a scenario is, and "" or why there is none."""
-    file = road.parent / f"{scenario.name}.jscen.json"
-    try:
-        if not file.is_file():
-            write_described(scenario, network, file)
-    except ResimError as e:
-        return "", str(e)
-    return f"maps/{road.parent.name}/{file.name}", ""
-
-
-def _partial(one: ExtractedScenario) -> str:
-    """What is to be said of a window in which the EGO is not all the time."""
-    if (one.start, one.end) == (one.ego_start, one.ego_end):
-        return ""
-    return "the window is longer than the EGO's life: the recording is the part with the EGO"
-
-
-def map_beside(road: Path, out: Path) -> Path:
-    """Give the study's copy of a map, made at need: maps of one name and other content are told apart."""
-    digest = file_hash(road)
-    folder = out / "maps" / f"{road.stem}-{digest[:8]}"
-    copy = folder / road.name
-    if not copy.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(road, folder / f".{road.name}")
-        (folder / f".{road.name}").replace(copy)
-    return copy
+    beside = file.with_name(f".{file.name}")
+    write_json(sealed(to_json(whole)), beside)
+    beside.replace(file)
+    return whole
 
 
 def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[str, str]) -> MinedPart:

@@ -62,7 +62,7 @@ MINING = FolderKind(
     "mined.json",
     re.compile(rf"\.?mined\.(json|html)|\.?(maneuvers|scenarios)\.parquet|{HALF.pattern}"),
     deep={
-        "parts": re.compile(r"[^/]+/\.?(part\.json|(maneuvers|scenarios|overview)\.parquet)"),
+        "parts": re.compile(r"[^/]+/\.?((part|cut)\.json|(maneuvers|scenarios|overview)\.parquet)"),
         "recordings": re.compile(r"[^/]+/(recording\.toml|(gt|sd|plan)\.(csv|parquet))"),
         "maps": re.compile(r"[^/]+/\.?[^/]+\.(xodr|jscen\.json)(\.\d+\.new)?"),
     },

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -226,3 +229,59 @@ def test_peaks_of_a_measure_are_found_also_at_its_ends() -> None:
 def test_an_unknown_measure_or_label_is_refused(tmp_path: Path, drive: Path) -> None:
     with pytest.raises(InputError, match="TTX"):
         mine([drive], tmp_path / "out", MineOptions(around=AroundOptions("TTX")))
+
+
+@pytest.fixture
+def crowd(tmp_path: Path) -> list[Path]:
+    """Two recordings with lane changes that many EGOs see."""
+    folders = []
+    road = write_motorway(tmp_path / "motorway.xodr")
+    path = path_of(load(road), "7", -2, 520.0, 360.0)
+    for name, begin in (("one", 2.0), ("two", 3.0)):
+        changes = Drive("c", lambda t: 60.0 + 15.0 * t, lambda t, b=begin: smooth(t, b, 4.0, 3.5), end=9.0)  # type: ignore[misc]
+        rest = [Drive(f"r{k}", lambda t, k=k: 20.0 * k + 15.0 * t, end=9.0) for k in range(3)]  # type: ignore[misc]
+        gt = tracks_of(path, [*rest, changes], rate=10.0)
+        write_recording(Recording(name, road, "r0", gt, 10.0), tmp_path / name)
+        folders.append(tmp_path / name)
+    return folders
+
+
+def bytes_of(out: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
+
+
+def test_any_number_of_workers_and_a_killed_call_give_the_same_bytes(
+    tmp_path: Path, crowd: list[Path]
+) -> None:
+    alone = mine(crowd, tmp_path / "alone", MineOptions(workers=1))
+    assert len(alone.scenarios) >= 4
+    assert alone.scenarios["jscen"].str.endswith(".jscen.json").all()
+    mine(crowd, tmp_path / "together", MineOptions(workers=2))
+    expected = bytes_of(tmp_path / "alone")
+    assert bytes_of(tmp_path / "together") == expected
+    out = tmp_path / "killed"
+    command = [sys.executable, "-m", "resim", "mine", *map(str, crowd), "--out", str(out), "--workers", "2"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not list(out.glob("maps/*/*.jscen.json")) and process.poll() is None:
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    kept = {path: path.stat().st_mtime_ns for path in out.glob("maps/*/*.jscen.json")}
+    assert kept
+    mine(crowd, out, MineOptions(workers=2, resume=True))
+    assert bytes_of(out) == expected
+    assert all(path.stat().st_mtime_ns == when for path, when in kept.items())
+
+
+def test_other_thresholds_leave_no_jscen_file_of_before(tmp_path: Path, crowd: list[Path]) -> None:
+    out = tmp_path / "out"
+    mine(crowd[:1], out, MineOptions(workers=1))
+    (tmp_path / "labels.toml").write_text("[extraction]\nahead = 25.0\nbefore = 0.5\n")
+    options = MineOptions(labels=tmp_path / "labels.toml", workers=1)
+    mine(crowd[:1], out, replace(options, resume=True))
+    mine(crowd[:1], tmp_path / "fresh", options)
+    again, fresh = (
+        {path.name: path.read_bytes() for path in folder.glob("maps/*/*.jscen.json")}
+        for folder in (out, tmp_path / "fresh")
+    )
+    assert again == fresh

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from resim.core.distribution import RandomNumber, constant
 from resim.core.spec import Strict, read_strict
+from resim.simulation.reactive.settings import ReactiveSettings
+from resim.simulation.vehicles.kinematic import Kinematic
 
 REMEDY = "scenarios/traffic/motorway.toml is one."
 Share = Annotated[float, Field(strict=True, ge=0.0, le=1.0)]
@@ -71,6 +73,28 @@ class NaturalisticLaneChange(Strict):
     duration: RandomNumber = RandomNumber(kind="lognormal", mean=5.3, sd=1.2, min=3.0, max=8.0)
 
 
+class TrafficEgoSettings(Strict):
+    """The EGO of each recording: of its kind the vehicle that is there longest; the recording lasts as long as that.
+
+    Attributes:
+        build: Build file of an AD function that drives it, as seen from this file; none: SUMO's driver does.
+        perception: Perception model (JSON) by which it sees the others, likewise; none: as they are.
+        sight: How far [m] it sees; the errors of a model grow without end beyond what it was trained on.
+        around: Who never comes so near to it [m] is not in the recording.
+        kind: What it is.
+        vehicle: Vehicle model by which it moves where a function drives it.
+        reactive: How the others react to it where a function drives it.
+    """
+
+    build: str | None = None
+    perception: str | None = None
+    sight: Annotated[float, Field(strict=True, gt=0.0, le=1000.0)] = 150.0
+    around: Annotated[float, Field(strict=True, gt=0.0, le=10_000.0)] = 400.0
+    kind: Literal["car", "truck"] = "car"
+    vehicle: str = Kinematic.name
+    reactive: ReactiveSettings = ReactiveSettings()
+
+
 class NaturalisticSettings(Strict):
     """Naturalistic traffic.
 
@@ -80,6 +104,7 @@ class NaturalisticSettings(Strict):
         truck: Trucks.
         lane_change: Lane changes.
         recording: Length of one recording [s]; a longer drive is cut into several.
+        ego: Who drives and what is sensed, if anything is.
     """
 
     demand: DemandSettings = DemandSettings()
@@ -87,6 +112,7 @@ class NaturalisticSettings(Strict):
     truck: PopulationSettings
     lane_change: NaturalisticLaneChange = NaturalisticLaneChange()
     recording: Annotated[float, Field(strict=True, ge=10.0, le=900.0)] = 120.0
+    ego: TrafficEgoSettings = TrafficEgoSettings()
 
 
 def read_naturalistic(path: Path) -> NaturalisticSettings:

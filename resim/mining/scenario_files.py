@@ -1,0 +1,124 @@
+"""The files of a study's scenarios: recordings, the maps that they refer to, and JSCEN files, fitted on any process.
+
+A JSCEN file follows from the scenario's recording as it is written, so that it is the same whoever fits it, and when.
+It is written whole or not at all: what a call that was killed left behind is kept.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from resim.core.errors import ResimError
+from resim.core.files import file_hash
+from resim.mining.cutting import cut, write_cut, write_described
+from resim.mining.extraction import ExtractedScenario
+from resim.recordings import Recording, read_recording
+from resim.road.opendrive import load
+
+FILES = ("folder", "jscen", "note")
+"""Columns of scenarios.parquet that say where a scenario is, and what is to be known of it."""
+ENDING = ".jscen.json"
+
+
+@dataclass(frozen=True)
+class FitTask:
+    """A scenario to be fitted.
+
+    Attributes:
+        folder: Its recording.
+        file: The JSCEN file to be written.
+    """
+
+    folder: Path
+    file: Path
+
+
+def fit_scenario(task: FitTask) -> str:
+    """Fit a scenario and write it as JSCEN; gives "", or why it cannot be fitted."""
+    try:
+        scenario = read_recording(task.folder)
+        write_described(scenario, load(scenario.map), task.file)
+    except ResimError as e:
+        return str(e)
+    return ""
+
+
+def write_scenarios(
+    recording: Recording, scenarios: list[ExtractedScenario], frame: pd.DataFrame, out: Path, *, fit: bool
+) -> pd.DataFrame:
+    """Write scenarios as recordings; gives their table (frame, with their names) with FILES.
+
+    fit: whether the table says where JSCEN files are to be, which are still to be written.
+    """
+    road = map_beside(recording.map, out)
+    rows = []
+    for one, name in zip(scenarios, frame["scenario"].tolist(), strict=True):
+        labels = ", ".join(dict.fromkeys(m.label for m in one.triggers))
+        try:
+            scenario = cut(recording, one, name, labels)
+            target = out / "recordings" / name
+            if not target.is_dir():
+                write_cut(scenario, target, road)
+        except ResimError as e:
+            rows.append(("", "", str(e)))
+        else:
+            file = f"maps/{road.parent.name}/{name}{ENDING}" if fit else ""
+            rows.append((f"recordings/{name}", file, _partial(one)))
+    columns = dict(zip(FILES, zip(*rows, strict=True) if rows else ((), (), ()), strict=True))
+    return frame.assign(**{name: list(values) for name, values in columns.items()}).astype(
+        dict.fromkeys(FILES, "string")
+    )
+
+
+def _partial(one: ExtractedScenario) -> str:
+    """What is to be said of a window in which the EGO is not all the time."""
+    if (one.start, one.end) == (one.ego_start, one.ego_end):
+        return ""
+    return "the window is longer than the EGO's life: the recording is the part with the EGO"
+
+
+def fit_tasks(frame: pd.DataFrame, out: Path) -> list[FitTask]:
+    """Give what is still to be fitted of a table of scenarios."""
+    pairs = zip(*(frame[name].fillna("").tolist() for name in ("folder", "jscen")), strict=True)
+    return [
+        FitTask(out / folder, out / file) for folder, file in pairs if file and not (out / file).is_file()
+    ]
+
+
+def with_fits(frame: pd.DataFrame, out: Path, told: dict[str, str]) -> pd.DataFrame:
+    """Give a table of scenarios with the JSCEN files that there are. told: why there is none, by the file's name."""
+    names, notes = (frame[name].fillna("").tolist() for name in ("jscen", "note"))
+    files = [file if file and (out / file).is_file() else "" for file in names]
+    why = [told.get(Path(file).name, "") or note for file, note in zip(names, notes, strict=True)]
+    return frame.assign(jscen=files, note=why).astype(dict.fromkeys(FILES, "string"))
+
+
+def map_beside(road: Path, out: Path) -> Path:
+    """Give the study's copy of a map, made at need: maps of one name and other content are told apart."""
+    digest = file_hash(road)
+    folder = out / "maps" / f"{road.stem}-{digest[:8]}"
+    copy = folder / road.name
+    if not copy.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(road, folder / f".{road.name}")
+        (folder / f".{road.name}").replace(copy)
+    return copy
+
+
+def forget_scenarios(out: Path, recording: str) -> None:
+    """Delete the scenarios that were cut out of a recording of this name, first their JSCEN files."""
+    for old in (out / "recordings").glob(f"{recording}_*_*"):
+        if old.is_dir() and _is_of(old, recording):
+            for file in (out / "maps").glob(f"*/{old.name}{ENDING}"):
+                file.unlink()
+            shutil.rmtree(old)
+
+
+def _is_of(folder: Path, recording: str) -> bool:
+    """Whether a scenario's folder was cut out of a recording of this name."""
+    settings = folder / "recording.toml"
+    return settings.is_file() and f'mined_from = "{recording}"' in settings.read_text("utf-8")
