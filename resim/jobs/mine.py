@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +13,7 @@ import pandas as pd
 
 from resim.core.errors import InputError, ResimError
 from resim.core.files import file_hash
+from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
@@ -24,7 +24,7 @@ from resim.jobs.given import path_of
 from resim.jobs.play import play
 from resim.mining.around import AroundOptions, moments_finder
 from resim.mining.maneuver import label_names
-from resim.mining.own_labels import read_rules
+from resim.mining.own_labels import LIMIT, MiningRules, read_rules, rules_of
 from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
 from resim.mining.scenario_files import FitTask, fit_scenario
@@ -139,13 +139,12 @@ def mine(
     with explain_os_errors(target), locked(target, "another `resim mine`"):
         (target / MARK).unlink(missing_ok=True)
         named = _named(folders)
-        for name, folder in named.items():
-            try:
-                with contextlib.chdir("."):
-                    parts.append(mine_into(folder, name, target, study))
-            except ResimError as e:
-                failures[name] = MinedFailure(name, str(folder), str(e))
-                heard(failures[name])
+        for told in _mined(named, target, study, options):
+            if isinstance(told, MinedFailure):
+                failures[told.recording] = told
+                heard(told)
+            else:
+                parts.append(told)
         finished: dict[str, MinedPart] = {}
         for told in _fitted(target, parts, options.workers or os.cpu_count() or 1):
             heard(told)
@@ -158,6 +157,46 @@ def mine(
         if not whole:
             raise InputError(target, f"no recording could be mined: {missed[0].why}", "See `resim check`.")
         return _finish(target, study, whole, missed)
+
+
+@dataclass(frozen=True, eq=False)
+class _MineTask:
+    """A recording to be mined by labels of the user's own, from their frozen copy."""
+
+    name: str
+    folder: Path
+    target: Path
+    rules: FrozenFile
+    options: MineOptions
+
+
+def _mine_task(task: _MineTask) -> MinedPart | str:
+    """Mine a recording in a child: gives what was found, or why it cannot be mined."""
+    try:
+        return mine_into(task.folder, task.name, task.target, _study_of(rules_of(task.rules), task.options))
+    except ResimError as e:
+        return str(e)
+
+
+def _mined(
+    named: Mapping[str, Path], target: Path, study: StudyOptions, options: MineOptions
+) -> Iterator[MinedPart | MinedFailure]:
+    """Mine each recording, in children that can be ended where the user's code has a say; in their order."""
+    if not study.rules.own or study.rules.frozen is None:
+        for name, folder in named.items():
+            try:
+                yield mine_into(folder, name, target, study)
+            except ResimError as e:
+                yield MinedFailure(name, str(folder), str(e))
+        return
+    tasks = [_MineTask(name, folder, target, study.rules.frozen, options) for name, folder in named.items()]
+    workers = min(options.workers or os.cpu_count() or 1, len(tasks))
+    limit = LIMIT * (1 + len(study.rules.own))
+    found = dict(run_all(_mine_task, tasks, workers=workers, time_limit=limit))
+    for k, task in enumerate(tasks):
+        told = found[k]
+        why = told.reason if isinstance(told, Failure) else told
+        yield MinedFailure(task.name, str(task.folder), why) if isinstance(why, str) else why
 
 
 def _fitted(target: Path, parts: list[MinedPart], workers: int) -> Iterator[MinedPart | MinedFailure]:
@@ -269,7 +308,10 @@ def scenario_folder(found: MiningResult, name: str) -> Path:
 
 
 def _study(options: MineOptions) -> StudyOptions:
-    rules = read_rules(options.labels)
+    return _study_of(read_rules(options.labels), options)
+
+
+def _study_of(rules: MiningRules, options: MineOptions) -> StudyOptions:
     scenarios = None
     if options.around is not None:
         asked = options.around

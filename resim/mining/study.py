@@ -11,7 +11,7 @@ import hashlib
 import json
 import shutil
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from resim.core.files import check_hashes, file_hash
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
+from resim.mining.cutting import AROUND, NEAR
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
@@ -30,9 +31,17 @@ from resim.mining.overview import overview_frame
 from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
-from resim.mining.scenario_files import FitTask, fit_tasks, forget_scenarios, with_fits, write_scenarios
+from resim.mining.scenario_files import (
+    JOINT,
+    CutSource,
+    FitTask,
+    fit_tasks,
+    forget_scenarios,
+    with_fits,
+    write_scenarios,
+)
 from resim.mining.surroundings import SlotReach
-from resim.recordings import Recording
+from resim.recordings import Recording, read_tables
 from resim.recordings.checked import finding_lines, load_checked
 from resim.recordings.content import content_hash
 from resim.recordings.tables import read_parquet
@@ -65,7 +74,7 @@ class MinedPart:
         vehicles_per_ego: Mean number of others that are there during an EGO's life, NaN without an EGO.
         egos: How many EGOs have 0, 1, 2, ... scenarios.
         lifetime: Mean life [s] of an EGO.
-        files: SHA-256 of its tables.
+        files: SHA-256 of its files, by their paths in the study's folder.
     """
 
     recording: str
@@ -149,11 +158,15 @@ def _placed(recording: Recording, found: Features) -> tuple[str, ...]:
 def _names(recording: Recording, scenarios: Sequence[ExtractedScenario]) -> list[str]:
     """Names of scenarios: recording, EGO, and which of the EGO's it is."""
     count: Counter[int] = Counter()
+    known: dict[str, int] = {}
     out = []
     for one in scenarios:
         count[one.ego] += 1
-        ego = "".join(c if c.isalnum() or c in "-_." else "_" for c in str(recording.gt.ids[one.ego]))
-        out.append(f"{recording.name}_{ego}_{count[one.ego]}")
+        ego = base = "".join(c if c.isalnum() or c in "-_." else "_" for c in str(recording.gt.ids[one.ego]))
+        number = 2
+        while known.setdefault(ego, one.ego) != one.ego:  # another one's id that is written alike
+            ego, number = f"{base}.{number}", number + 1
+        out.append(f"{recording.name}{JOINT}{ego}{JOINT}{count[one.ego]}")
     return out
 
 
@@ -206,26 +219,26 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     )
     frame = scenario_frame(name, mined.features, mined.scenarios, mined.names)
     if options.write:
-        frame = write_scenarios(mined.recording, mined.scenarios, frame, out, fit=options.fit)
+        reach = NEAR if options.scenarios is None else AROUND
+        source = CutSource(mined.recording, read_tables(folder), reach)
+        frame = write_scenarios(source, mined.scenarios, frame, out, fit=options.fit)
     part.mkdir(parents=True, exist_ok=True)
     write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
     write_parquet(frame, part / "scenarios.parquet")
     write_parquet(overview_frame(mined.features), part / "overview.parquet")
-    return _write_mark(summary(mined, name, folder, (content, key)), part / CUT)
+    return _write_mark(summary(mined, name, folder, (content, key)), part / CUT, out)
 
 
 def _kept(part: Path, out: Path, content: str, key: str) -> MinedPart | None:
-    """What was mined before, where it follows from the same and all of it is there; its fits may be left to do."""
-    for mark, columns in ((PART, ("folder", "jscen")), (CUT, ("folder",))):
+    """What was mined before, where it follows from the same and all of it is as it was; its fits may be left to do."""
+    for mark in (PART, CUT):
         try:
             before = read_sealed_json(part / mark, MinedPart, WRITTEN_BY, REMEDY)
-            check_hashes(part, before.files, REMEDY)
-            rows = read_parquet(part / "scenarios.parquet")
+            if (before.content, before.key) == (content, key):
+                check_hashes(out, before.files, REMEDY)
+                return before
         except InputError:
             continue
-        written = [name for column in columns for name in rows[column].fillna("").tolist() if name]
-        if (before.content, before.key) == (content, key) and all((out / name).exists() for name in written):
-            return before
     return None
 
 
@@ -245,21 +258,29 @@ def finish_part(out: Path, told: MinedPart, failed: dict[str, str]) -> MinedPart
     whole = with_fits(read_parquet(part / "scenarios.parquet"), out, failed)
     write_parquet(whole, part / ".scenarios.parquet")
     (part / ".scenarios.parquet").replace(part / "scenarios.parquet")
-    finished = _write_mark(told, part / PART)
+    finished = _write_mark(told, part / PART, out)
     (part / CUT).unlink()
     return finished
 
 
-def _write_mark(told: MinedPart, file: Path) -> MinedPart:
-    """Write what is told of a part with the hashes of its tables; gives it with them."""
-    part = file.parent
-    whole = replace(
-        told, files={f"{table}.parquet": file_hash(part / f"{table}.parquet") for table in PART_TABLES}
-    )
+def _write_mark(told: MinedPart, file: Path, out: Path) -> MinedPart:
+    """Write what is told of a part with the hashes of all its files; gives it with them."""
+    whole = replace(told, files={name: file_hash(out / name) for name in _files(told.recording, out)})
     beside = file.with_name(f".{file.name}")
     write_json(sealed(to_json(whole)), beside)
     beside.replace(file)
     return whole
+
+
+def _files(recording: str, out: Path) -> Iterator[str]:
+    """The files of a part, seen from the study's folder: its tables, its scenarios, and JSCEN files that there are."""
+    yield from (f"parts/{recording}/{table}.parquet" for table in PART_TABLES)
+    rows = read_parquet(out / "parts" / recording / "scenarios.parquet")
+    for folder, file in zip(rows["folder"].fillna(""), rows["jscen"].fillna(""), strict=True):
+        if folder:
+            yield from (f"{folder}/{path.name}" for path in sorted((out / folder).iterdir()))
+        if file and (out / file).is_file():
+            yield file
 
 
 def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[str, str]) -> MinedPart:
