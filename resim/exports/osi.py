@@ -121,7 +121,7 @@ class _Host:
         self._at: list[tuple[float, ExportedState]] = []
         if layer is not None:
             self._at = [
-                (t, one) for t, every in states(layer, drive.network) for one in every if one.id == drive.ego
+                (t, one) for t, every in states(layer, drive.network, drive.ego) for one in every
             ]
 
         steps = np.diff([t for t, _ in self._at])
