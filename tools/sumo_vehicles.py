@@ -2,10 +2,10 @@
 
     python tools/sumo_vehicles.py < scene.json
 
-scene.json: `folder` for SUMO's files, `lanes`, `step` [s], `steps`, and `vehicles`, of which each has `s` [m] of its front, `lane`
-(0 is the right one), `length` [m], `speeds` [m/s] that it drives at the times 0, step, 2 step, ..., and `driver`, the
-attributes of its type. Beyond its speeds it is let go of: SUMO's models drive it. Prints, by vehicle, s, v and lane at
-these times as JSON. It is a process of its own, as SUMO is one for the whole process.
+scene.json: `folder` for SUMO's files, `lanes`, `step` [s], `steps`, and `vehicles`, of which each has `s` [m] of its
+front, `lane` (0 is the right one), `length` [m], `speeds` [m/s] that it drives at the times 0, step, 2 step, ..., and
+`driver`, the attributes of its type. Beyond its speeds it is let go of: SUMO's models drive it. Prints, by vehicle, s,
+v and lane at these times as JSON. It is a process of its own, as SUMO is one for the whole process.
 """
 
 from __future__ import annotations
@@ -79,11 +79,18 @@ def _routes(scene: dict[str, Any]) -> Path:
     """The vehicles as SUMO's file of routes."""
     told = []
     for k, one in enumerate(scene["vehicles"]):
-        of_type = {"length": one["length"], "speedDev": 0, "emergencyDecel": 9, "maxSpeed": 70, **one.get("driver", {})}
+        of_type = {
+            "length": one["length"],
+            "speedDev": 0,
+            "emergencyDecel": 9,
+            "maxSpeed": 70,
+            **one.get("driver", {}),
+        }
         words = " ".join(f'{key}="{value}"' for key, value in of_type.items())
         told.append(
             f'<vType id="t{k}" {words}/><vehicle id="{k}" type="t{k}" depart="0" departPos="{one["s"]}" '
-            f'departSpeed="{one["speeds"][0]}" departLane="{one["lane"]}" insertionChecks="none"><route edges="e"/></vehicle>'
+            f'departSpeed="{one["speeds"][0]}" departLane="{one["lane"]}" insertionChecks="none"><route edges="e"/>'
+            "</vehicle>"
         )
     path = Path(scene["folder"], "road.rou.xml")
     path.write_text(f"<routes>{''.join(told)}</routes>")
@@ -91,4 +98,4 @@ def _routes(scene: dict[str, Any]) -> Path:
 
 
 if __name__ == "__main__":
-    print(json.dumps(_drive(json.load(sys.stdin))))  # noqa: T201
+    print(json.dumps(_drive(json.load(sys.stdin))))

@@ -68,7 +68,9 @@ def _said(fault: ErrorDetails, kind: Callable[..., object]) -> str:
         said = pattern.sub(words, said)
     told = isinstance(found, str | int | float) and ", found " not in said
     meant = did_you_mean(str(found), _CHOICE.findall(said)) if fault["type"] in _CHOICES else ""
-    said = f"a name is {found!r:.60}, {said}" if is_name else said + (f", found {found!r:.60}" if told else "")
+    said = (
+        f"a name is {found!r:.60}, {said}" if is_name else said + (f", found {found!r:.60}" if told else "")
+    )
     return f"{where}: {said}{meant}"
 
 

@@ -341,9 +341,11 @@ def test_who_is_put_relative_to_others_along_the_road_is_there(home: Path, ds: f
 
 def test_along_a_lane_that_widens_players_differ(tmp_path: Path) -> None:
     """Two lanes of a road along x, of which the inner one is 3 m wide at 0 m, and 4 m wide from 100 m on."""
-    lane = '<lane id="{}" type="driving" level="false"><width sOffset="0" a="{}" b="{}" c="0" d="0"/>{}</lane>'
+    lane = (
+        '<lane id="{}" type="driving" level="false"><width sOffset="0" a="{}" b="{}" c="0" d="0"/>{}</lane>'
+    )
     wide = '<width sOffset="100" a="4" b="0" c="0" d="0"/>'
-    lanes = f'<right>{lane.format(-1, 3, 0.01, wide)}{lane.format(-2, 3, 0, "")}</right>'
+    lanes = f"<right>{lane.format(-1, 3, 0.01, wide)}{lane.format(-2, 3, 0, '')}</right>"
     (tmp_path / "road.xodr").write_text(
         '<OpenDRIVE><header revMajor="1" revMinor="4"/><road id="1" length="400" junction="-1" name=""><planView>'
         '<geometry s="0" x="0" y="0" hdg="0" length="400"><line/></geometry></planView><lanes><laneSection s="0">'
@@ -354,7 +356,9 @@ def test_along_a_lane_that_widens_players_differ(tmp_path: Path) -> None:
         place = f'<Position><LanePosition roadId="1" laneId="-2" s="{begin}"/></Position>'
         init = {"Ego": teleport(place), "b": teleport(relative("Road", ds=40, dt=1.5))}
         if held:
-            (_, x, y, *_) = of(read(tmp_path, scenario(init, entities=entity("Ego", x=0.0) + entity("b", x=0.0))), "b")
+            (_, x, y, *_) = of(
+                read(tmp_path, scenario(init, entities=entity("Ego", x=0.0) + entity("b", x=0.0))), "b"
+            )
             assert (x[0], y[0]) == (pytest.approx(190.0), pytest.approx(-4.0))
         else:
             with pytest.raises(InputError, match=r"of lane -2 of road 1 from -5 to -5.4 m"):

@@ -200,7 +200,9 @@ def test_a_unit_that_fails_to_terminate_is_told_by_its_error(tmp_path: Path) -> 
     end = "fmi2Terminate(fmi2Component c) { return fmi2"
     done = run(unit(tmp_path, change=(f"{end}OK", f"{end}Error")), tmp_path / "out")
     assert done.returncode == 3
-    assert "on closing failed: RuntimeError: fmi2Terminate gave the status 3 (error)" in done.stderr, done.stderr
+    assert "on closing failed: RuntimeError: fmi2Terminate gave the status 3 (error)" in done.stderr, (
+        done.stderr
+    )
 
 
 def test_what_a_unit_says_is_kept_with_its_run(unit2: Path, tmp_path: Path) -> None:

@@ -321,7 +321,9 @@ def test_what_cannot_be_served_is_refused(process: Path, call: Callable[..., tup
         )  # fmt: skip
     assert done.returncode == 2
     said = f"cannot listen on '{address}': another program listens there. End it, or give another port"
-    assert done.stderr.startswith(f"resim: --address: {said}"), done.stderr  # the library's own log is not there
+    assert done.stderr.startswith(f"resim: --address: {said}"), (
+        done.stderr
+    )  # the library's own log is not there
     assert len(done.stderr.splitlines()) == 1, done.stderr
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
-from scipy.interpolate import CubicSpline
 
-from resim.road.opendrive import RoadNetwork
-from resim.scenario.scenario import Scenario
-from resim.simulation.case import Case, SimulatedDrive
-from resim.simulation.direct import Direct
 from resim.simulation.reactive.drivers import Following, TrafficDriver, followed
-from resim.simulation.reactive.settings import LaneChangeSettings, ReactiveSettings
 
 LENGTH = 4.7
 DRIVERS = [
@@ -29,7 +22,9 @@ DRIVERS = [
 ]  # fmt: skip
 
 
-def in_sumo(folder: Path, vehicles: list[dict[str, Any]], *, lanes: int, step: float, steps: int) -> list[Any]:
+def in_sumo(
+    folder: Path, vehicles: list[dict[str, Any]], *, lanes: int, step: float, steps: int
+) -> list[Any]:
     scene = {"folder": str(folder), "lanes": lanes, "step": step, "steps": steps, "vehicles": vehicles}
     done = subprocess.run(
         [sys.executable, ROOT / "tools" / "sumo_vehicles.py"], input=json.dumps(scene), capture_output=True, text=True,
@@ -47,7 +42,9 @@ def of_type(driver: TrafficDriver) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("driver", DRIVERS, ids=["usual", "calm", "hasty"])
-def test_a_driver_follows_as_a_vehicle_of_sumo_with_the_same_model(tmp_path: Path, driver: TrafficDriver) -> None:
+def test_a_driver_follows_as_a_vehicle_of_sumo_with_the_same_model(
+    tmp_path: Path, driver: TrafficDriver
+) -> None:
     """Over a minute behind a leader that brakes, stops and starts again, both by ballistic steps of 0.1 s, without a
     reaction time, which SUMO's model has none of."""
     t = np.arange(0.0, 60.0, 0.1)

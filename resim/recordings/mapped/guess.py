@@ -48,7 +48,9 @@ def guess(file: Path, out: Path, *, sensor: Path | None = None, network: RoadNet
     """
     if (known := _known(file, out)) is not None:
         if sensor is not None:
-            raise InputError(sensor, f"--sd is for tables, and {file} is a log", "Its topics are tables of the mapping.")
+            raise InputError(
+                sensor, f"--sd is for tables, and {file} is a log", "Its topics are tables of the mapping."
+            )
         return known
     truth = _Guess("gt", file, network)
     tables = [truth] if sensor is None else [truth, _Guess("sd", sensor, network, truth)]

@@ -121,7 +121,9 @@ def fmu_files(path: Path, fmi: FmiTable) -> list[str]:
         raise InputError(path, "osmp needs osi-python", "In resim's own folder: pip install '.[fmi,osi]'")
     file = posixpath.normpath(fmi.file)
     if not (path.parent / file).is_file():
-        raise InputError(path, f"fmi.file: {file!r} is not a file beside it", "Name it relative to this file's folder.")
+        raise InputError(
+            path, f"fmi.file: {file!r} is not a file beside it", "Name it relative to this file's folder."
+        )
     return [file]
 
 
