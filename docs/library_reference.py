@@ -12,6 +12,7 @@ from typing import Any
 
 import resim.core.errors
 import resim.core.tracks
+import resim.gym
 import resim.jobs.assess
 import resim.jobs.augment
 import resim.jobs.check
@@ -53,6 +54,7 @@ API = {
     "Cases and simulated drives": resim.simulation.case,
     "AD functions": resim.simulation.function.interface,
     "AD functions in batches": resim.simulation.function.batch,
+    "Agents that learn": resim.gym,
     "Recordings": resim.recordings,
     "Tracks": resim.core.tracks,
     "Scenarios": resim.scenario.scenario,
@@ -70,6 +72,7 @@ API = {
 IN_FULL: tuple[Any, ...] = (
     resim.simulation.function.interface,
     resim.simulation.function.batch,
+    resim.gym,
     resim.road.driven_route.Route,
     resim.road.path,
     resim.road.opendrive.RoadNetwork,

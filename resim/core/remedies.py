@@ -5,6 +5,13 @@ from __future__ import annotations
 RECORDING = "A recording is a folder with recording.toml, gt.csv and a map."
 DRIVE = "Give a recording, or the folder that `resim run` wrote."
 BUILD = 'A build has name, version, factory = "module:name", files = [...], [parameters].'
+BUILD_TABLES = {
+    "process": '[process] has command = ["./program", ...], or python = "path/to/python" beside factory; see docs/formats/build.md.',
+    "grpc": '[grpc] has address = "host:port"; see docs/formats/build.md.',
+    "fmi": '[fmi] has file = "unit.fmu"; [fmi.inputs] variable = "signal", [fmi.outputs] acceleration = "variable".',
+    "recorded": '[recorded] has conversations = "folder", as `resim run --record` writes it.',
+}
+"""For faults of one table of a build file alone."""
 CRITERIA = "See scenarios/criteria/highway.toml."
 MODEL = "`resim perception train` writes such files; adfunc/perception/ has some."
 SUITE = "See scenarios/suites/highway.toml, or make one with `resim suite new`."

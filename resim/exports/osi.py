@@ -120,9 +120,7 @@ class _Host:
             self.back = REAR_AXLE * float(true.length[true.index(drive.ego)])
         self._at: list[tuple[float, ExportedState]] = []
         if layer is not None:
-            self._at = [
-                (t, one) for t, every in states(layer, drive.network) for one in every if one.id == drive.ego
-            ]
+            self._at = [(t, one) for t, every in states(layer, drive.network, drive.ego) for one in every]
 
         steps = np.diff([t for t, _ in self._at])
         self._step = float(np.median(steps)) if len(steps) else 0.0
