@@ -325,6 +325,7 @@ def _check_target(target: Path, resume: bool, inputs: Iterable[Path]) -> None:
     """Refuse a folder that an input lies in, or that holds something else, or an earlier study not to be resumed."""
     for one in inputs:
         refuse_within(one, target, "lies within --out, where `resim mine` replaces what it finds")
+        refuse_within(target, one, f"lies within {one}, which is mined")
     check_own(target, MINING)
     if target.is_dir() and any(target.iterdir()) and not resume:
         raise InputError(target, "exists already", "Name a new folder, or continue with resume=True.")
