@@ -1,7 +1,7 @@
 """Precision and recall of mined labels, as Kaefer 2022, Tables 5.1 to 5.6.
 
     python tools/validate_mining.py traffic [FOLDER | --hours H --seed N]     SUMO's motorway against its truth
-    python tools/validate_mining.py damaged [FOLDER | --hours H --seed N]     the same, damaged, before and after repair
+    python tools/validate_mining.py damaged [FOLDER | --hours H --seed N]     the same, damaged and repaired
     python tools/validate_mining.py town [FOLDER | --hours H --seed N]        SUMO's town: turns, lane changes, standing
     python tools/validate_mining.py augmented [--count N]                     planted maneuvers, varied by chance
 

@@ -49,7 +49,9 @@ class RandomNumber(Strict):
         if self.kind == "lognormal" and self.mean <= 0.0:
             raise ValueError(f"mean: expected more than 0 of a lognormal distribution, found {self.mean:g}")
         if self.kind == "lognormal" and self.sd > MOST_SPREAD * self.mean:
-            raise ValueError(f"sd: expected at most {MOST_SPREAD:g} times the mean of a lognormal, found {self.sd:g}")
+            raise ValueError(
+                f"sd: expected at most {MOST_SPREAD:g} times the mean of a lognormal, found {self.sd:g}"
+            )
         reach = 4.0 * self.sd
         if (low is not None and self.mean + reach < low) or (high is not None and self.mean - reach > high):
             raise ValueError(

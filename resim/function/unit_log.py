@@ -24,7 +24,7 @@ class UnitLog:
         """Tell a message, of a status of FMI."""
         text = " ".join((message or b"").decode("utf-8", "replace").split())
         name = STATUSES[status] if 0 <= status < len(STATUSES) else f"status {status}"
-        print(f"the unit, {name}: {text}", file=sys.stderr)  # noqa: T201  a process of its own: kept with the run
+        print(f"the unit, {name}: {text}", file=sys.stderr)
         if status and text:
             self.complaint = text
 

@@ -27,8 +27,8 @@ from resim.mining.maneuver import label_names
 from resim.mining.own_labels import LIMIT, MiningRules, read_rules, rules_of
 from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
-from resim.mining.scenario_files import FitTask, fit_scenario
-from resim.mining.study import MinedPart, StudyOptions, finish_part, mine_into, pending_fits
+from resim.mining.study import MinedPart, StudyOptions, mine_into
+from resim.mining.study_run import finished
 from resim.recordings import read_recording
 from resim.recordings.settings import SETTINGS
 from resim.recordings.tables import read_parquet
@@ -134,29 +134,20 @@ def mine(
     target = path_of(out)
     _check_target(target, options.resume, [*folders, *([] if options.labels is None else [options.labels])])
     study = _study(options)
-    parts: list[MinedPart] = []
-    failures: dict[str, MinedFailure] = {}
     with explain_os_errors(target), locked(target, "another `resim mine`"):
         (target / MARK).unlink(missing_ok=True)
         named = _named(folders)
-        for told in _mined(named, target, study, options):
-            if isinstance(told, MinedFailure):
-                failures[told.recording] = told
-                heard(told)
-            else:
-                parts.append(told)
-        finished: dict[str, MinedPart] = {}
-        for told in _fitted(target, parts, options.workers or os.cpu_count() or 1):
-            heard(told)
-            if isinstance(told, MinedFailure):
-                failures[told.recording] = told
-            else:
-                finished[told.recording] = told
-        whole = [finished[part.recording] for part in parts if part.recording in finished]
-        missed = [failures[name] for name in named if name in failures]
-        if not whole:
-            raise InputError(target, f"no recording could be mined: {missed[0].why}", "See `resim check`.")
-        return _finish(target, study, whole, missed)
+        told: dict[str, MinedPart | MinedFailure] = {}
+        for one in finished(
+            _mined(named, target, study, options), target, options.workers or os.cpu_count() or 1
+        ):
+            told[one.recording] = one
+            heard(one)
+        parts = [one for name in named if isinstance(one := told[name], MinedPart)]
+        failures = [one for name in named if isinstance(one := told[name], MinedFailure)]
+        if not parts:
+            raise InputError(target, f"no recording could be mined: {failures[0].why}", "See `resim check`.")
+        return _finish(target, study, parts, failures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,44 +188,6 @@ def _mined(
         told = found[k]
         why = told.reason if isinstance(told, Failure) else told
         yield MinedFailure(task.name, str(task.folder), why) if isinstance(why, str) else why
-
-
-def _fitted(target: Path, parts: list[MinedPart], workers: int) -> Iterator[MinedPart | MinedFailure]:
-    """Fit what is still to be fitted of all parts, and finish each: gives it, or why its fits broke off."""
-    tasks: list[FitTask] = []
-    owner: list[str] = []
-    left: dict[str, int] = {}
-    for part in parts:
-        own = pending_fits(target, part.recording)
-        tasks, owner = tasks + own, owner + [part.recording] * len(own)
-        left[part.recording] = len(own)
-    by_name = {part.recording: part for part in parts}
-    why: dict[str, dict[str, str]] = {name: {} for name in by_name}
-    broken: dict[str, str] = {}
-
-    def ended(name: str) -> MinedPart | MinedFailure:
-        if name in broken:
-            return MinedFailure(name, by_name[name].folder, f"a fit broke off: {broken[name]}")
-        return finish_part(target, by_name[name], why[name])
-
-    yield from (ended(name) for name, count in left.items() if not count)
-    for k, told in _results(tasks, min(workers, max(len(tasks), 1))):
-        name = owner[k]
-        if isinstance(told, Failure):
-            broken[name] = told.reason
-        elif told:
-            why[name][tasks[k].file.name] = told
-        left[name] -= 1
-        if not left[name]:
-            yield ended(name)
-
-
-def _results(tasks: list[FitTask], workers: int) -> Iterator[tuple[int, str | Failure]]:
-    """What comes of each fit, with its place: in this process, or in several."""
-    if workers == 1:
-        yield from ((k, fit_scenario(task)) for k, task in enumerate(tasks))
-    else:
-        yield from run_all(fit_scenario, tasks, workers=workers, time_limit=float("inf"))
 
 
 def read_mined(folder: str | Path) -> MiningResult:

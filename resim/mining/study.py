@@ -211,8 +211,8 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     part = out / "parts" / name
     if (before := _kept(part, out, content, key)) is not None:
         return before
-    shutil.rmtree(part, ignore_errors=True)
     forget_scenarios(out, name)
+    shutil.rmtree(part, ignore_errors=True)
     recording = load_checked(folder, accept=options.accept)
     mined = mine_recording(
         replace(recording, name=name), options.rules, options.scenarios and options.scenarios[1]
@@ -251,7 +251,10 @@ def pending_fits(out: Path, name: str) -> list[FitTask]:
 
 
 def finish_part(out: Path, told: MinedPart, failed: dict[str, str]) -> MinedPart:
-    """End a part whose fits are done: its table says where JSCEN files are. failed: why not, by the file's name."""
+    """End a part whose fits are done, and give it as it is then: its table says where JSCEN files are.
+
+    failed: why there is none, by the file's name.
+    """
     part = out / "parts" / told.recording
     if not (part / CUT).is_file():
         return told

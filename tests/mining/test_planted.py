@@ -84,6 +84,21 @@ def test_a_lane_change_is_found_once_and_from_when_to_when(name: str, side: int)
     assert t[change.end] == pytest.approx(fine[quick][-1] + 0.04, abs=0.13)
 
 
+@pytest.mark.parametrize("v", [1.5, 2.5, 4.0])
+def test_a_lane_change_in_a_jam_is_one_however_steeply_it_crosses(tmp_path: Path, v: float) -> None:
+    network = load(write_motorway(tmp_path / "motorway.xodr"))
+    path = path_of(network, "7", -2, 520.0, 360.0)
+    drives = [
+        Drive("a", steady(v), lambda t: smooth(t, 3.0, 6.0, 3.5), end=14.0),
+        Drive("b", lambda t: 40.0 + v * t, end=14.0),
+    ]
+    tracks = tracks_of(path, drives)
+    lane = np.interp(v * tracks.t, path.s, path.heading)
+    assert np.abs(tracks.heading[0] - lane).max() > 0.25
+    found, maneuvers = mined(tracks, network)
+    assert [pair for pair in told(found, maneuvers) if pair[1] in CHANGES] == [("a", "lane_change_left")]
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.03, 0.1])
 def test_doubles_are_one_label_and_swaying_over_the_border_is_none(noise: float) -> None:
     network = road("alks/alks_road_different_curvatures.xodr")

@@ -4,8 +4,8 @@ Kaefer 2022, 4.5.6.2; Wagner 2021, 6.2.1.1. Readings taken: strictly below 1 m i
 the crossing count, and lanes there must differ, where a lane that goes on (over sections, through junctions, by a fork
 or a merge) is one lane; where the track begins or ends before, nothing is judged, which is a label of its own. The span
 goes out to the first sample whose speed in the change's own direction is below the threshold, that is |v_across| with
-reversals seen as well. Who is headed away from the lane by more than `TURNED_OFF` when crossing turns off. Doubles, in
-which that speed never falls below it, are one label, whatever the middle lane.
+reversals seen as well. Who is headed away from the lane by more than `TURNED_OFF` when crossing, and at an end of the
+span, turns off. Doubles, in which that speed never falls below it, are one label, whatever the middle lane.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _crossing(features: Features, settings: MiningSettings, k: int, low: int, hi
 
 def _judged(features: Features, group: list[_Crossing]) -> LaneChangeLabel | None:
     """The lane change that crossings with the same close samples around make, None for swaying over the border."""
-    group = [c for c in group if not _turns_off(features, c.at)]
+    group = [c for c in group if not _turns_off(features, c)]
     if not group:
         return None
     one = group[0]
@@ -123,8 +123,17 @@ def _judged(features: Features, group: list[_Crossing]) -> LaneChangeLabel | Non
     )  # fmt: skip
 
 
-def _turns_off(features: Features, k: int) -> bool:
-    """Whether a crossing is that of who turns off: headed away from the lane, as everywhere in resim."""
+def _turns_off(features: Features, crossing: _Crossing) -> bool:
+    """Whether a crossing is that of who turns off, or in: headed away from the lane there, and before or after as well.
+
+    Who changes lane at walking speed crosses as steeply, but goes along with its lanes before and after.
+    """
+    at, start, end = crossing.at, crossing.start, crossing.end
+    return _headed_away(features, at) and (_headed_away(features, start) or _headed_away(features, end))
+
+
+def _headed_away(features: Features, k: int) -> bool:
+    """Whether a vehicle goes across its lane, as everywhere in resim."""
     own = features.samples.heading[k]
     off = float(wrap_angle(own - features.lane_heading[k]))
     return min(abs(off), np.pi - abs(off)) > TURNED_OFF
