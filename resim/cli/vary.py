@@ -146,6 +146,6 @@ def _print(found: KernelFile) -> None:
             "" if one.held_out == 0 else f", of those held out {100.0 * one.reconstruction_held_out:.3f} %"
         )
         say(f"{name}: {counted(one.traces, 'trace')} and {one.held_out} held out, "
-            f"{counted(one.count, 'component')}, reconstructed to {100.0 * one.reconstruction:.3f} %{error}")  # fmt: skip
+            f"{counted(one.count, 'component')}, error {100.0 * one.reconstruction:.3f} %{error}")  # fmt: skip
     for name, why in found.not_made.items():
         say(f"{name}: no kernel: {why}")

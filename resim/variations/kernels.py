@@ -19,6 +19,8 @@ from resim.results import write_json
 COMPONENTS = 20
 """N_C of the source."""
 WRITER, REMEDY = "resim vary train", "Train kernels with `resim vary train`."
+NOTHING = 1e-9
+"""Spread of a component, by that of the first, below which it is rounding and no component."""
 LARGEST = 200_000_000
 """Bytes of a file of kernels at most."""
 MANEUVERS = (
@@ -134,18 +136,20 @@ def fit_kernel(
 ) -> ManeuverKernel:
     """Fit a kernel to features (N, F); held_out (M, F) are for its errors alone.
 
-    error: take as few components as bring the mean relative reconstruction error of the training traces down to it, in
-    place of a number of `components`. Raises ResimError for too few traces, and for an error that is out of reach.
+    components: at most; those without any spread in the data are none. error: take as few components as bring the mean
+    relative reconstruction error of the training traces down to it, in place of a number of them. Raises ResimError for too few traces, and for an error that is out of reach.
     """
     from sklearn.decomposition import PCA  # takes long to load
 
     most = min(len(features) - 1, features.shape[1])
     if most < 1:
         raise ResimError(f"{len(features)} traces of {label} are too few for a kernel")
-    made = PCA(n_components=most if error is not None else min(components, most), svd_solver="full").fit(
-        features
-    )
-    count = len(made.components_) if error is None else _fewest(made.components_, made.mean_, features, error)
+    wanted = most if error is not None else min(components, most)
+    made = PCA(n_components=wanted, svd_solver="full").fit(features)
+    spread = made.singular_values_ > NOTHING * made.singular_values_[0]
+    count = int(spread.sum())
+    if error is not None:
+        count = _fewest(made.components_[:count], made.mean_, features, error)
     axes, mean = made.components_[:count], made.mean_
     scores = (features - mean) @ axes.T
     return ManeuverKernel(

@@ -6,6 +6,7 @@ import zlib
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -122,7 +123,7 @@ def equal_parts(start: float, end: float, longest: float) -> Iterator[tuple[floa
     """Give a stretch [s] in as few equal parts as are not longer than `longest` [s]."""
     count = max(int(np.ceil((end - start) / longest - 1e-9)), 1)
     ends = np.linspace(start, end, count + 1).tolist()
-    yield from zip(ends[:-1], ends[1:], strict=True)
+    yield from pairwise(ends)
 
 
 def traces_of(task: TraceTask) -> RecordingTraces:

@@ -1,4 +1,4 @@
-"""kernels.html: the traces, their features and components, and how good the kernels are (Wagner 2021, Figs. 6.1-6.4)."""
+"""kernels.html: traces, features and components, and how good the kernels are (Wagner 2021, Figs. 6.1 to 6.4)."""
 
 from __future__ import annotations
 

@@ -16,7 +16,8 @@ from resim.report.figure import trace as figure_trace
 from resim.report.markup import Markup, html, join
 from resim.report.plots import captioned, joined, line, sample, style
 from resim.report.tables import table
-from resim.scenario.trace import TraceStates
+from resim.scenario.trace import Trace, TraceStates
+from resim.variations.candidate import VariedDrive
 from resim.variations.origin import object_of
 from resim.variations.report import VariationInputs
 from resim.variations.search import FoundVariation, VariationPlan
@@ -25,6 +26,9 @@ SHOWN = 100
 """Variations that are drawn, as in Fig. 6.6."""
 LISTED = 500
 VARIED, ORIGIN = "#7B3294", "#009E73"
+SYNTHETIC = Markup(
+    '<p class="note">The kernels come from synthetic drives: nothing here says how humans drive.</p>'
+)
 STEP = 0.05
 """s between drawn samples."""
 
@@ -61,13 +65,10 @@ def _header(inputs: VariationInputs, plan: VariationPlan, rows: pd.DataFrame) ->
             "of them hold in simulation alone.</p>", outside, len(rows),
         ) if outside else ""
     )  # fmt: skip
-    claim = (
-        '<p class="note">The kernels come from synthetic drives: nothing here says how humans drive.</p>'
-        if plan.kernels.data != "real" else ""
-    )  # fmt: skip
+    claim = SYNTHETIC if plan.kernels.data != "real" else Markup()
     return html(
         '<header><p class="kind">Variations</p><h1>Around {}</h1><dl class="facts">{}</dl>{}{}</header>',
-        inputs.recording, listed, warning, Markup(claim),  # noqa: S704  a literal
+        inputs.recording, listed, warning, claim,
     )  # fmt: skip
 
 
@@ -84,13 +85,9 @@ def _ribbons(found: Sequence[FoundVariation], plan: VariationPlan) -> Markup:
     return html("<section><h2>Ribbons</h2>{}{}</section>", key, join(out))
 
 
-def _states(plan: VariationPlan, name: str, t: Floats, drive: object | None) -> TraceStates:
-    from resim.variations.candidate import VariedDrive
-
-    scenario = drive.scenario if isinstance(drive, VariedDrive) else plan.scenario
-    from resim.scenario.trace import Trace
-
-    one = object_of(scenario, name)
+def _states(plan: VariationPlan, name: str, t: Floats, drive: VariedDrive | None) -> TraceStates:
+    """An object's states, its place from where it starts."""
+    one = object_of(plan.scenario if drive is None else drive.scenario, name)
     return Trace(0.0, 0.0, one.v, one.heading).states(t)
 
 
@@ -99,28 +96,20 @@ def _ribbon(name: str, t: Floats, origin: TraceStates, varied: Sequence[TraceSta
     figure = Figure.of_panels(1, 3, horizontal_spacing=0.08)
     turn = np.exp(-1j * origin.heading[0])
 
-    def place(one: TraceStates) -> tuple[Floats, Floats]:
+    def panels(one: TraceStates) -> tuple[tuple[Floats, Floats], ...]:
         xy = (one.x + 1j * one.y) * turn
-        return xy.real, xy.imag
+        return (xy.real, xy.imag), (t, one.v), (t, one.heading)
 
-    columns = (place, lambda one: (t, one.v), lambda one: (t, one.heading))
-    for column, take in enumerate(columns, start=1):
-        x, y = (
-            joined(*zip(*((list_[0], list_[1]) for list_ in map(take, varied)), strict=True))
-            if varied
-            else ([], [])
-        )
-        figure.add_trace(
-            line(np.asarray(x), np.asarray(y), color="rgba(123,50,148,0.3)", name="variations", width=0.8),
-            1,
-            column,
-        )
-        figure.add_trace(line(*take(origin), color=ORIGIN, name="origin", width=1.8), 1, column)
-    for column, (across, up) in enumerate(
-        (("x from the start [m]", "y [m]"), ("t [s]", "v [m/s]"), ("t [s]", "heading [rad]")), start=1
-    ):
-        figure.update_xaxes(col=column, title_text=across)
-        figure.update_yaxes(col=column, title_text=up)
+    bundle = [panels(one) for one in varied]
+    own = panels(origin)
+    titles = (("x from the start [m]", "y [m]"), ("t [s]", "v [m/s]"), ("t [s]", "heading [rad]"))
+    for k, (across, up) in enumerate(titles):
+        x, y = joined([one[k][0] for one in bundle], [one[k][1] for one in bundle])
+        ribbon = line(x, y, color="rgba(123,50,148,0.3)", name="variations", width=0.8)
+        figure.add_trace(ribbon, 1, k + 1)
+        figure.add_trace(line(*own[k], color=ORIGIN, name="origin", width=1.8), 1, k + 1)
+        figure.update_xaxes(col=k + 1, title_text=across)
+        figure.update_yaxes(col=k + 1, title_text=up)
     note = f"{len(varied)} variations and the origin, turned to its first heading (Fig. 6.6)"
     return captioned(style(figure, 300.0), mark, f"Object {name}", note)
 
