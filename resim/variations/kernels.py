@@ -137,7 +137,8 @@ def fit_kernel(
     """Fit a kernel to features (N, F); held_out (M, F) are for its errors alone.
 
     components: at most; those without any spread in the data are none. error: take as few components as bring the mean
-    relative reconstruction error of the training traces down to it, in place of a number of them. Raises ResimError for too few traces, and for an error that is out of reach.
+    relative reconstruction error of the training traces down to it, in place of a number of them. Raises ResimError for
+    too few traces, and for an error that is out of reach.
     """
     from sklearn.decomposition import PCA  # takes long to load
 

@@ -37,9 +37,9 @@ def test_twenty_components_reconstruct_to_the_published_error() -> None:
 
 def test_the_number_follows_from_a_stated_error() -> None:
     features = lane_changes(300)
-    found = fit_kernel("lane_change_right", features, features[:0], error=1e-2)
+    found = fit_kernel("lane_change_right", features, features[:0], error=1e-3)
     fewer = fit_kernel("lane_change_right", features, features[:0], components=found.count - 1)
-    assert found.reconstruction <= 1e-2 < fewer.reconstruction
+    assert found.reconstruction <= 1e-3 < fewer.reconstruction
 
 
 def test_time_of_components_stays_equitemporal() -> None:
