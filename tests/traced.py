@@ -34,7 +34,9 @@ def following(count: int, seed: int = 1) -> Floats:
         duration = rng.uniform(2.0, 15.0)
         t = duration * phase
         s = rng.normal(30.0, 5.0) * t + 0.5 * rng.normal(0.0, 0.3) * t**2
-        d = rng.normal(0.0, 0.2) * (1.0 - np.cos(np.pi * phase)) + rng.normal(0.0, 0.1) * np.sin(2.0 * np.pi * phase)
+        d = rng.normal(0.0, 0.2) * (1.0 - np.cos(np.pi * phase)) + rng.normal(0.0, 0.1) * np.sin(
+            2.0 * np.pi * phase
+        )
         out.append(np.concatenate([t, s, d]))
     return np.array(out)
 

@@ -69,16 +69,15 @@ def vary(
     Writes variations.parquet, rejected.parquet, scenarios/ with a JSCEN file each, and variations.html.
     """
     from resim.jobs import vary as job
-    from resim.variations.settings import VariationSettings, read_variation_settings
+    from resim.variations.settings import VariationSettings, WhatVaries, read_variation_settings
 
     told = VariationSettings() if settings is None else read_variation_settings(settings)
     given: dict[str, object] = {} if box is None else {"box": box}
     if overlap:
         given["overlap"] = True
     told = VariationSettings.model_validate({**told.model_dump(), **given})
-    options = job.VaryOptions(
-        tuple(objects or ()), tuple(maneuvers or ()), told, verified, tuple(accept or ()), not rows, workers
-    )
+    what = WhatVaries(tuple(objects or ()), tuple(maneuvers or ()), tuple(accept or ()))
+    options = job.VaryOptions(what, told, verified, not rows, workers)
     with ProgressReporter("variations", count) as progress:
         made = job.vary(
             recording, kernels, out, count=count, options=options,

@@ -22,17 +22,15 @@ from resim.execution.workers import run_all
 from resim.jobs.given import path_of
 from resim.recordings import Recording
 from resim.recordings.checked import load_checked
-from resim.recordings.content import content_hash
 from resim.recordings.tables import read_parquet
-from resim.resimulation import AssessmentOptions, assess_recording
-from resim.resimulation.run import prepare
 from resim.results import whole_folder, write_json, write_parquet
 from resim.results.folders import VARIATIONS
+from resim.road.opendrive import load
 from resim.scenario.jscen import write_jscen
 from resim.scenario.scenario import Scenario
-from resim.variations.kernels import read_kernels
-from resim.variations.origin import NamedManeuver, the_origin, varied_maneuvers
+from resim.variations.origin import the_origin
 from resim.variations.page.variations import write_variation_page
+from resim.variations.plan import make_plan, verified_ranges
 from resim.variations.report import MARK, VariationInputs, VariationReport
 from resim.variations.rows import OriginNames, file_name, rejected_frame, variation_frame
 from resim.variations.search import (
@@ -44,12 +42,8 @@ from resim.variations.search import (
     look,
     search,
 )
-from resim.variations.settings import VariationSettings
+from resim.variations.settings import VariationSettings, WhatVaries
 from resim.variations.trust import UNVERIFIED, Trust, judged_trust
-from resim.verification.entries import VerifiedRecording
-from resim.verification.folder import read as read_verification
-from resim.verification.validity_interval import ValidityInterval
-from resim.verification.validity_runs import critical
 
 TRIES = 20
 """Points that are looked at for each variation, at most."""
@@ -64,20 +58,16 @@ class VaryOptions:
     """What is varied, and by how much.
 
     Attributes:
-        objects: Ids of the objects; none for the most critical one.
-        labels: Which of their maneuvers; none for all that there is a kernel of.
+        what: Which objects, and which of their maneuvers.
         settings: By how much, and what no variation may do.
         verified: verification.json of `resim verify --vary`, by which trust is judged.
-        accept: Codes of findings to continue despite.
         write: Whether each variation is written as a JSCEN file.
         workers: Processes; all cores, if None.
     """
 
-    objects: tuple[str, ...] = ()
-    labels: tuple[str, ...] = ()
+    what: WhatVaries = field(default_factory=WhatVaries)
     settings: VariationSettings = field(default_factory=VariationSettings)
     verified: str | Path | None = None
-    accept: tuple[str, ...] = ()
     write: bool = True
     workers: int | None = None
 
@@ -130,8 +120,8 @@ def vary(
         raise InputError("--count", f"expected 1 or more, found {count}")
     given = [folder, path_of(kernels)] + ([] if options.verified is None else [path_of(options.verified)])
     with whole_folder(target, VARIATIONS, given) as beside:
-        measured = load_checked(folder, accept=options.accept)
-        plan = make_plan(measured, folder, path_of(kernels), options)
+        measured = load_checked(folder, accept=options.what.accept)
+        plan = make_plan(measured, path_of(kernels), options.what, options.settings)
         found = _found(plan, count, options.workers, progress)
         report = _write(beside, measured, plan, found, path_of(kernels), options)
     return Variations(target, report)
@@ -151,65 +141,6 @@ def read_variations(folder: str | Path) -> Variations:
     """
     where = path_of(folder)
     return Variations(where, read_sealed_json(where / MARK, VariationReport, "resim vary", REMEDY))
-
-
-def make_plan(recording: Recording, folder: Path, kernels: Path, options: VaryOptions) -> VariationPlan:
-    """Say what is varied, before anything is.
-
-    Args:
-        recording: The drive.
-        folder: Where it was read.
-        kernels: File of kernels.
-        options: What is asked for.
-
-    Returns:
-        The plan, by which any process makes the same variations.
-
-    Raises:
-        InputError: There is nothing to vary.
-    """
-    known = read_kernels(kernels)
-    prepared = prepare(recording, (), options.accept)
-    scenario = prepared.described["GT"]
-    every = varied_maneuvers(recording, known, scenario)
-    objects = options.objects or (_critical(recording),)
-    wanted = tuple(
-        one for one in every if one.object in objects and (not options.labels or one.label in options.labels)
-    )
-    if not wanted:
-        _refuse(folder, scenario, objects, every, options)
-    the_origin(scenario, prepared.network, known, wanted)
-    return VariationPlan(
-        folder,
-        content_hash(folder),
-        options.accept,
-        scenario,
-        known,
-        file_hash(kernels),
-        wanted,
-        options.settings,
-    )
-
-
-def _critical(recording: Recording) -> str:
-    """The object of the largest risk: that which `resim verify --vary` varies."""
-    return critical(assess_recording(recording, AssessmentOptions()).blocks["GT"])
-
-
-def _refuse(
-    folder: Path,
-    scenario: Scenario,
-    objects: Sequence[str],
-    every: Sequence[NamedManeuver],
-    options: VaryOptions,
-) -> None:
-    """Say why there is nothing to vary. Raises InputError."""
-    ids = {one.id for one in scenario.objects}
-    if strange := [name for name in objects if name not in ids]:
-        raise InputError(folder, f"has no traffic object {strange[0]!r}", f"It has {', '.join(sorted(ids))}.")
-    told = ", ".join(str(one) for one in every[:8]) or "none"
-    what = " or ".join(options.labels) or "maneuver that there is a kernel of"
-    raise InputError(folder, f"object {', '.join(objects)} has no {what}", f"There are kernels for: {told}.")
 
 
 def _found(
@@ -245,36 +176,15 @@ def _ordered(tasks: Sequence[VariationTask], workers: int) -> Iterator[list[Foun
             following += 1
 
 
-def verified_ranges(file: Path, digest: str) -> tuple[ValidityInterval, ...]:
-    """Give what `resim verify --vary` found for a recording.
-
-    Args:
-        file: Its verification.json.
-        digest: Hash of the recording's content.
-
-    Returns:
-        The ranges; none where the recording is not verified there.
-
-    Raises:
-        InputError: The file is none.
-    """
-    report = read_verification(file)
-    for one in report.recordings:
-        if isinstance(one, VerifiedRecording) and one.hash == digest and one.verdict == "verified":
-            return one.validity
-    return ()
-
-
-def _trust(plan: VariationPlan, found: Sequence[FoundVariation], options: VaryOptions) -> list[Trust]:
+def _trust(
+    plan: VariationPlan, found: Sequence[FoundVariation], measured: Recording, options: VaryOptions
+) -> list[Trust]:
     kept = [one.drive for one in found if not one.rejected and one.drive is not None]
     if options.verified is None:
         return [UNVERIFIED] * len(kept)
     ranges = verified_ranges(path_of(options.verified), plan.hash)
     if not ranges:
         return [Trust("unknown", "the verification has no range of this recording")] * len(kept)
-    from resim.road.opendrive import load
-
-    measured = load_checked(plan.folder, accept=plan.accept)
     origin = the_origin(plan.scenario, load(measured.map), plan.kernels, plan.maneuvers)
     return [judged_trust(origin.motions, one.motions, ranges) for one in kept]
 
@@ -284,7 +194,7 @@ def _write(
     options: VaryOptions,
 ) -> VariationReport:  # fmt: skip
     """Write tables, scenarios, page and report into an empty folder."""
-    trust = _trust(plan, found, options)
+    trust = _trust(plan, found, measured, options)
     names = OriginNames(measured.name, plan.hash, plan.varied, tuple(str(one) for one in plan.maneuvers))
     frame = variation_frame(found, trust, names, SCENARIOS if options.write else "")
     write_parquet(frame, folder / "variations.parquet")

@@ -20,9 +20,6 @@ from resim.variations.joining import ManeuverChange, joined_motion
 from resim.variations.lane_motion import LaneMotion
 from resim.variations.origin import VariedOrigin, object_of
 
-BOX = 0.005
-"""Δc of the source: 0.5 % of each component's range."""
-
 
 @dataclass(frozen=True, eq=False)
 class VariedDrive:

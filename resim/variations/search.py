@@ -98,12 +98,19 @@ class FoundVariation:
 
 def look(task: VariationTask) -> list[FoundVariation]:
     """Give what comes of a stretch of points, in their order."""
-    ready = _ready(task.plan)
-    return [_found(task.plan, ready, n) for n in range(task.first, task.first + task.count)]
+    there = ready(task.plan)
+    return [_found(task.plan, there, n) for n in range(task.first, task.first + task.count)]
 
 
 @dataclass(frozen=True, eq=False)
-class _Ready:
+class PlannedSearch:
+    """What all points of a plan share.
+
+    Attributes:
+        origin: The drive that is varied.
+        against: What its variations are held against.
+    """
+
     origin: VariedOrigin
     against: VariedAgainst
 
@@ -115,17 +122,17 @@ def _loaded(folder: Path, digest: str, accept: tuple[str, ...]) -> tuple[Recordi
     return recording, load(recording.map)
 
 
-_KEPT: dict[str, _Ready] = {}
+_KEPT: dict[str, PlannedSearch] = {}
 
 
-def _ready(plan: VariationPlan) -> _Ready:
-    """What all points of a plan share; kept for the next stretch, whose task holds an equal copy of the plan."""
+def ready(plan: VariationPlan) -> PlannedSearch:
+    """Give what all points of a plan share; kept for the next stretch, whose task holds an equal copy of the plan."""
     recording, network = _loaded(plan.folder, plan.hash, plan.accept)
     key = f"{plan.hash} {plan.kernels_hash} {plan.maneuvers} {plan.settings}"
     if key not in _KEPT:
         _KEPT.clear()
         origin = the_origin(plan.scenario, network, plan.kernels, plan.maneuvers)
-        _KEPT[key] = _Ready(
+        _KEPT[key] = PlannedSearch(
             origin, VariedAgainst(recording, network, plan.scenario, plan.varied, plan.settings)
         )
     return _KEPT[key]
@@ -137,15 +144,15 @@ def dimensions(plan: VariationPlan) -> tuple[int, int]:
     return sum(plan.kernels.kernels[one.label].count for one in plan.maneuvers), discrete
 
 
-def _found(plan: VariationPlan, ready: _Ready, index: int) -> FoundVariation:
+def _found(plan: VariationPlan, there: PlannedSearch, index: int) -> FoundVariation:
     count, discrete = dimensions(plan)
     point = halton(index, 1, count + discrete)[0]
     sizes, environment = _discrete(plan, point[count:])
     try:
-        drive = varied_drive(ready.origin, offsets(ready.origin, point[None, :count], plan.settings.box)[0])
+        drive = varied_drive(there.origin, offsets(there.origin, point[None, :count], plan.settings.box)[0])
     except ResimError:
         return FoundVariation(index, point, None, "time", sizes, environment)
-    return _judged(FoundVariation(index, point, drive, "", sizes, environment), ready.against)
+    return _judged(FoundVariation(index, point, drive, "", sizes, environment), there.against)
 
 
 def _judged(found: FoundVariation, against: VariedAgainst) -> FoundVariation:

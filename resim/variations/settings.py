@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ from pydantic import Field
 
 from resim.core.spec import Strict, read_strict
 from resim.scenario.augmentation.settings import VehicleType, Weather
-from resim.variations.candidate import BOX
+from resim.variations.swept import BOX
 
 EXAMPLE = "docs/formats/variation.md has one."
 Positive = Annotated[float, Field(strict=True, gt=0.0)]
@@ -49,6 +50,21 @@ class VariationSettings(Strict):
     weather: tuple[Weather, ...] = ()
     overlap: bool = False
     limits: MotionLimits = MotionLimits()
+
+
+@dataclass(frozen=True)
+class WhatVaries:
+    """What of a drive is varied.
+
+    Attributes:
+        objects: Ids of the objects; none for the most critical one.
+        labels: Which of their maneuvers; none for all that there is a kernel of.
+        accept: Codes of findings in the drive to continue despite.
+    """
+
+    objects: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
+    accept: tuple[str, ...] = ()
 
 
 def read_variation_settings(path: Path) -> VariationSettings:

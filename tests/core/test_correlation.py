@@ -63,7 +63,10 @@ def test_equals_the_formula_counted_plainly(seed: int, b: int, count: int, ties:
 
 def test_independent_signals_have_the_bias_that_is_named() -> None:
     rng = np.random.default_rng(3)
-    for samples, b, off in ((1000, 10, 0.1), (500, 20, 0.25)):  # of first order: cells with few samples are off
+    for samples, b, off in (
+        (1000, 10, 0.1),
+        (500, 20, 0.25),
+    ):  # of first order: cells with few samples are off
         mean = np.mean([nonlinear(rng.normal(size=(samples, 2)), b)[0, 1] for _ in range(60)])
         assert mean == pytest.approx(independent_nonlinear(samples, b), rel=off)
 

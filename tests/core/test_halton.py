@@ -29,9 +29,10 @@ def exact_permutation(base: int) -> list[int]:
     bits = 1
     while 2**bits < base:
         bits += 1
-    numbers = []
-    for lowest_first in product((0, 1), repeat=bits):  # as if counted with the highest bit running fastest
-        numbers.append(sum(bit << place for place, bit in enumerate(lowest_first)))
+    numbers = [
+        sum(bit << place for place, bit in enumerate(lowest_first))
+        for lowest_first in product((0, 1), repeat=bits)
+    ]
     return [number for number in numbers if number < base]
 
 

@@ -75,7 +75,9 @@ def test_no_change_is_the_original() -> None:
 
 def test_a_maneuver_from_the_first_moment_takes_its_own_speed() -> None:
     whole = motion()
-    moved = np.concatenate([np.zeros(POINTS), np.linspace(0.0, 4.0, POINTS), np.zeros(POINTS)])  # 1 m/s faster
+    moved = np.concatenate(
+        [np.zeros(POINTS), np.linspace(0.0, 4.0, POINTS), np.zeros(POINTS)]
+    )  # 1 m/s faster
     found = joined_motion(whole, ManeuverChange(0.0, 4.0, moved))
     assert np.gradient(found.s, found.t)[0] == pytest.approx(31.0, abs=0.01)
 
