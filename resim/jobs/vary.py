@@ -49,7 +49,7 @@ TRIES = 20
 """Points that are looked at for each variation, at most."""
 LIMIT = 600.0
 """s of wall clock for a stretch of points."""
-SCENARIOS = "scenarios"
+SCENARIOS, ORIGIN = "scenarios", "origin.jscen.json"
 REMEDY = "Vary the recording again."
 
 
@@ -232,7 +232,7 @@ def _write_scenarios(folder: Path, road: Path, origin: Scenario, found: Sequence
     """Write the origin and its variations as JSCEN files beside a copy of the map."""
     folder.mkdir()
     shutil.copyfile(road, folder / road.name)
-    write_jscen(replace(origin, map=road.name), folder / "origin.jscen.json")
+    write_jscen(replace(origin, map=road.name), folder / ORIGIN)
     kept = [one.drive for one in found if not one.rejected and one.drive is not None]
     for number, drive in enumerate(kept, start=1):
         write_jscen(replace(drive.scenario, map=road.name), folder / file_name(number))

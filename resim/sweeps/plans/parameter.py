@@ -26,7 +26,8 @@ class SweepParameter(BaseModel):
 
     name: of a perception model ("perception.latency.speed"), a build ("build.cycle_time") or an AD function
     ("function.threat_time"), or which variation ("variation.number", "variation.c1"). steps: values of a grid, evenly
-    from low to high; of a normal distribution evenly in probability. mean, std: of a normal distribution, cut off at low and high, where it is not uniform. base: the value
+    from low to high; of a normal distribution evenly in probability. mean, std: of a normal distribution, cut off at
+    low and high, where it is not uniform. base: the value
     that the others are varied at, one at a time; the middle, if not given. width: how exactly an adaptive plan finds
     where the outcome changes.
     """
