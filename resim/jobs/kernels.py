@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from resim import __version__
 from resim.core.errors import InputError, ResimError
+from resim.core.geometry import Floats
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.jobs.given import path_of
 from resim.jobs.mine import MiningResult, read_mined
 from resim.results import whole_file
 from resim.results.folders import KERNELS
+from resim.variations.evaluation import ENOUGH
 from resim.variations.features import POINTS
 from resim.variations.kernels import (
     COMPONENTS,
@@ -27,7 +30,9 @@ from resim.variations.kernels import (
     fit_kernel,
     write_kernels,
 )
+from resim.variations.likeness import Likeness, tell_apart, varied_traces, with_noise
 from resim.variations.page.kernels import write_kernel_page
+from resim.variations.swept import BOX
 from resim.variations.training import (
     LONGEST,
     MOST,
@@ -111,8 +116,32 @@ def train_kernels(
         write_kernels(kernels, beside)
     if report is not None:
         with whole_file(path_of(report)) as beside:
-            write_kernel_page(kernels, pooled(found), beside)
+            held = pooled(found)
+            write_kernel_page(kernels, held, kernel_likeness(kernels, held), beside)
     return kernels
+
+
+def kernel_likeness(
+    kernels: KernelFile, found: Mapping[str, tuple[Floats, Floats]], box: float = BOX
+) -> dict[str, tuple[Likeness, Likeness]]:
+    """Try to tell variations of held-out traces from these, where there are enough.
+
+    Args:
+        kernels: The kernels.
+        found: By maneuver the features that a kernel was trained on, and those held out.
+        box: Share of each component's range by which each is varied, to either side.
+
+    Returns:
+        By maneuver how well variations are told, and how well planted noise is.
+    """
+    out = {}
+    for name, kernel in kernels.kernels.items():
+        held_out = found[name][1]
+        if len(held_out) >= ENOUGH:
+            measured, varied = varied_traces(kernel, held_out, box)
+            noisy = with_noise(measured, np.random.default_rng(0))
+            out[name] = tell_apart(measured, varied), tell_apart(measured, noisy)
+    return out
 
 
 def _traces(study: MiningResult, options: TrainOptions) -> Iterator[RecordingTraces]:

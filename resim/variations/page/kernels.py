@@ -24,6 +24,8 @@ from resim.variations.evaluation import (
 )
 from resim.variations.features import parts
 from resim.variations.kernels import KernelFile, ManeuverKernel
+from resim.variations.likeness import ALIKE, PLANTED, TOLD, Likeness
+from resim.variations.swept import BOX
 
 SHOWN = 500
 """Traces of a maneuver that are drawn, as in Fig. 6.1."""
@@ -35,10 +37,16 @@ PERCENT = 100.0
 Pooled = Mapping[str, tuple[Floats, Floats]]
 
 
-def write_kernel_page(kernels: KernelFile, pooled: Pooled, path: Path) -> None:
-    """Write the page. pooled: by maneuver the features (N, F) that it was trained on, and those (M, F) held out."""
+def write_kernel_page(
+    kernels: KernelFile, pooled: Pooled, likeness: Mapping[str, tuple[Likeness, Likeness]], path: Path
+) -> None:
+    """Write the page.
+
+    pooled: by maneuver the features (N, F) that it was trained on, and those (M, F) held out. likeness: where there are
+    enough, how well variations are told from measured traces, and how well planted noise is.
+    """
     found = {name: evaluate(kernel, pooled[name][1]) for name, kernel in kernels.kernels.items()}
-    body = [_header(kernels), _summary(kernels, found)]
+    body = [_header(kernels), _summary(kernels, found), _likeness(found, likeness, kernels.data)]
     for number, (name, kernel) in enumerate(kernels.kernels.items()):
         body.append(_kernel(kernel, pooled[name][0], f"k{number}"))
     body.append(_sources(kernels))
@@ -73,13 +81,59 @@ def _summary(kernels: KernelFile, found: Mapping[str, KernelEvaluation]) -> Mark
         kernel = kernels.kernels[name]
         rows.append([
             name, str(kernel.traces), str(kernel.held_out), str(kernel.count), _share(kernel.reconstruction),
-            _share(one.reconstruction), f"{one.linear:.3f}", f"{one.nonlinear:.3f} (bias {one.bias:.3f})", verdict(one),
+            _share(one.reconstruction), _or_none(one.linear), f"{_or_none(one.nonlinear)} (bias {_or_none(one.bias)})", verdict(one),
         ])  # fmt: skip
     rows += [
         [name, "–", "–", "–", "–", "–", "–", "–", f"no kernel: {why}"]
         for name, why in kernels.not_made.items()
     ]
     return html("<section><h2>How good they are</h2>{}</section>", table(head, rows))
+
+
+def _likeness(
+    found: Mapping[str, KernelEvaluation], likeness: Mapping[str, tuple[Likeness, Likeness]], data: str
+) -> Markup:
+    """Whether variations can be told from measured traces."""
+    rows = []
+    for name, one in found.items():
+        if name not in likeness:
+            rows.append(
+                [
+                    name,
+                    str(one.held_out),
+                    "–",
+                    "–",
+                    "–",
+                    f"not shown: {one.missing} held-out traces are missing",
+                ]
+            )
+            continue
+        alike, noisy = likeness[name]
+        good = alike.auc <= ALIKE and noisy.auc > TOLD
+        told = (
+            "like measured traces" if good else "told apart" if alike.auc > ALIKE else "the test is too weak"
+        )
+        rows.append([name, str(alike.traces), _auc(alike), _auc(noisy), _by(alike), told])
+    head = ["maneuver", "traces", f"AUC, variations (at most {ALIKE:g})", f"AUC, {100 * PLANTED:g} cm of noise "
+            f"(over {TOLD:g})", "what tells most, alone", "held-out traces show it"]  # fmt: skip
+    whose = "human" if data == "real" else "synthetic"
+    note = html(
+        '<p class="note">One variation at {} % of each held-out trace; gradient boosting on speeds, accelerations and '
+        "jerk, split by origin. The traces are of {} drivers.</p>", f"{100 * BOX:g}", whose,
+    )  # fmt: skip
+    return html("<section><h2>Can variations be told?</h2>{}{}</section>", note, table(head, rows))
+
+
+def _auc(one: Likeness) -> str:
+    return f"{one.auc:.3f} ({one.low:.3f} to {one.high:.3f})"
+
+
+def _by(one: Likeness) -> str:
+    return ", ".join(f"{name} {auc:.2f}" for name, auc in one.by.items())
+
+
+def _or_none(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:.3f}"
 
 
 def verdict(one: KernelEvaluation) -> str:
