@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -106,7 +106,7 @@ def train_kernels(
                 "--real", f"{one.recording} was made by a program ({one.source})", "Mine real drives alone."
             )
         found.append(one)
-    kernels = _fitted(found, options)
+    kernels = fitted_kernels(found, options)
     if not kernels.kernels:
         told = (
             "; ".join(f"{name}: {why}" for name, why in kernels.not_made.items()) or "no maneuver was found"
@@ -165,7 +165,16 @@ def _traces(study: MiningResult, options: TrainOptions) -> Iterator[RecordingTra
             following += 1
 
 
-def _fitted(found: list[RecordingTraces], options: TrainOptions) -> KernelFile:
+def fitted_kernels(found: Sequence[RecordingTraces], options: TrainOptions) -> KernelFile:
+    """Fit a kernel for every maneuver of which there are enough traces.
+
+    Args:
+        found: The traces, by recording.
+        options: How many components, and traces at least.
+
+    Returns:
+        The kernels.
+    """
     kernels: dict[str, ManeuverKernel] = {}
     not_made: dict[str, str] = {}
     for label, (train, held_out) in pooled(found).items():

@@ -81,7 +81,8 @@ def _summary(kernels: KernelFile, found: Mapping[str, KernelEvaluation]) -> Mark
         kernel = kernels.kernels[name]
         rows.append([
             name, str(kernel.traces), str(kernel.held_out), str(kernel.count), _share(kernel.reconstruction),
-            _share(one.reconstruction), _or_none(one.linear), f"{_or_none(one.nonlinear)} (bias {_or_none(one.bias)})", verdict(one),
+            _share(one.reconstruction), _or_none(one.linear),
+            f"{_or_none(one.nonlinear)} (bias {_or_none(one.bias)})", verdict(one),
         ])  # fmt: skip
     rows += [
         [name, "–", "–", "–", "–", "–", "–", "–", f"no kernel: {why}"]
