@@ -1,0 +1,57 @@
+"""How long 500 variations take, from the recording's file to the table, with two workers.
+
+    python tools/bench/vary.py [--count 500] [--workers 2] [--kernels scenarios/kernels/motorway.json] [--rows]
+
+The corner case, the lane change of the object that cuts in, 0.5 % of the range of each component. Each variation is
+joined, fitted again, held against limits, roads and others, and examined as `resim check` does, and written as JSCEN.
+Target: under 60 s on two cores. The last line is JSON; cpu_s is that of this process and its children, which is what
+counts on a machine whose cores are in use.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import tempfile
+import time
+from pathlib import Path
+
+from resim.jobs.vary import VaryOptions, vary
+from resim.variations.settings import WhatVaries
+
+ROOT = Path(__file__).parents[2]
+TARGET = 60.0
+"""s."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=500)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--kernels", type=Path, default=ROOT / "scenarios" / "kernels" / "motorway.json")
+    parser.add_argument("--rows", action="store_true", help="write the table alone")
+    arguments = parser.parse_args()
+    drive = ROOT / "scenarios" / "cut_in_brake"
+    what = WhatVaries(objects=("1",), labels=("lane_change_right",))
+    options = VaryOptions(what, write=not arguments.rows, workers=arguments.workers)
+    with tempfile.TemporaryDirectory() as folder:
+        vary(drive, arguments.kernels, Path(folder) / "warm", count=20, options=options)  # compiles
+        begin, before = time.perf_counter(), os.times()
+        made = vary(drive, arguments.kernels, Path(folder) / "out", count=arguments.count, options=options)
+        seconds, after = time.perf_counter() - begin, os.times()
+    cpu = sum(after[:4]) - sum(before[:4])
+    print(
+        f"{len(made.table)} variations of {made.report.looked} points in {seconds:.1f} s, {cpu:.1f} s of CPU"
+    )
+    print(f"{1e3 * cpu / len(made.table):.0f} ms of CPU each; {platform.machine()}, {os.cpu_count()} cores, "
+          f"load {os.getloadavg()[0]:.1f}")  # fmt: skip
+    print(json.dumps({
+        "variations": len(made.table), "looked": made.report.looked, "seconds": round(seconds, 2),
+        "cpu_s": round(cpu, 2), "workers": arguments.workers, "target_s": TARGET, "met": seconds < TARGET,
+    }))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
