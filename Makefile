@@ -67,6 +67,7 @@ bench: $(READY)
 	$(BIN)/python tools/bench/risk.py
 	$(BIN)/python tools/bench/sweep.py
 	$(BIN)/python tools/bench/function.py
+	$(BIN)/python tools/bench/vary.py
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \

@@ -40,15 +40,13 @@ def main() -> None:
         vary(drive, arguments.kernels, Path(folder) / "warm", count=20, options=options)  # compiles
         begin, before = time.perf_counter(), os.times()
         made = vary(drive, arguments.kernels, Path(folder) / "out", count=arguments.count, options=options)
-        seconds, after = time.perf_counter() - begin, os.times()
+        seconds, after, count = time.perf_counter() - begin, os.times(), len(made.table)
     cpu = sum(after[:4]) - sum(before[:4])
-    print(
-        f"{len(made.table)} variations of {made.report.looked} points in {seconds:.1f} s, {cpu:.1f} s of CPU"
-    )
-    print(f"{1e3 * cpu / len(made.table):.0f} ms of CPU each; {platform.machine()}, {os.cpu_count()} cores, "
+    print(f"{count} variations of {made.report.looked} points in {seconds:.1f} s, {cpu:.1f} s of CPU")
+    print(f"{1e3 * cpu / count:.0f} ms of CPU each; {platform.machine()}, {os.cpu_count()} cores, "
           f"load {os.getloadavg()[0]:.1f}")  # fmt: skip
     print(json.dumps({
-        "variations": len(made.table), "looked": made.report.looked, "seconds": round(seconds, 2),
+        "variations": count, "looked": made.report.looked, "seconds": round(seconds, 2),
         "cpu_s": round(cpu, 2), "workers": arguments.workers, "target_s": TARGET, "met": seconds < TARGET,
     }))  # fmt: skip
 
