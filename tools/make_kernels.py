@@ -25,6 +25,9 @@ from resim.variations.page.kernels import write_kernel_page
 from resim.variations.training import LONGEST, TraceTask, chosen_maneuvers, pooled, traces_of
 
 ROOT = Path(__file__).parents[1]
+ERROR = 1e-3
+"""Relative error to which the traces are reconstructed: the published one. Made traffic is so smooth that 20 components
+would be mostly rounding, which variations then show."""
 MOST = 2400
 """Traces of a maneuver."""
 APART, EDGE = 0.2, 0.1
@@ -68,7 +71,7 @@ def main() -> None:
         one = done[k]
         assert not isinstance(one, Failure), one.reason
         found.append(one)
-    kernels, held = fitted_kernels(found, TrainOptions()), pooled(found)
+    kernels, held = fitted_kernels(found, TrainOptions(error=ERROR)), pooled(found)
     with whole_file(arguments.out, None) as beside:
         write_kernels(kernels, beside)
     likeness = kernel_likeness(kernels, held)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -61,9 +62,6 @@ class _Variations:
         return self.kept[number - 1] if number else np.zeros(origin.dimensions)
 
 
-_KNOWN: dict[tuple[str, VariedRuns], _Variations] = {}
-
-
 def vary_recording(
     prepared: PreparedRecording, digest: str, runs: VariedRuns, values: Mapping[str, float]
 ) -> tuple[PreparedRecording, Row]:
@@ -102,16 +100,13 @@ def component_of(name: str, count: int) -> int:
     return int(told) - 1
 
 
+@lru_cache(maxsize=8)
 def _variations(prepared: PreparedRecording, digest: str, runs: VariedRuns) -> _Variations:
-    key = digest, runs
-    if key not in _KNOWN:
-        for frozen in (runs.kernels, runs.verified):
-            if frozen is not None and file_hash(frozen.path) != frozen.hash:
-                raise InputError(frozen.path, "was changed since the sweep was read", "Restore it.")
-        what = WhatVaries(runs.told.object, runs.told.maneuver)
-        settings = VariationSettings(box=runs.told.box)
-        plan = make_plan(prepared.recording, runs.kernels.path, what, settings)
-        ranges = None if runs.verified is None else verified_ranges(runs.verified.path, digest)
-        _KNOWN.clear()
-        _KNOWN[key] = _Variations(plan, ranges)
-    return _KNOWN[key]
+    """The variations of a recording; kept, as each is counted from the one before."""
+    for frozen in (runs.kernels, runs.verified):
+        if frozen is not None and file_hash(frozen.path) != frozen.hash:
+            raise InputError(frozen.path, "was changed since the sweep was read", "Restore it.")
+    what = WhatVaries(runs.told.object, runs.told.maneuver)
+    plan = make_plan(prepared.recording, runs.kernels.path, what, VariationSettings(box=runs.told.box))
+    ranges = None if runs.verified is None else verified_ranges(runs.verified.path, digest)
+    return _Variations(plan, ranges)

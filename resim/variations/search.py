@@ -65,6 +65,17 @@ class VariationPlan:
         """Ids of the objects that are varied."""
         return tuple(dict.fromkeys(one.object for one in self.maneuvers))
 
+    @property
+    def _key(self) -> tuple[object, ...]:
+        """What tells plans apart."""
+        return self.folder, self.hash, self.accept, self.kernels_hash, self.maneuvers, self.settings
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, VariationPlan) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
 
 @dataclass(frozen=True, eq=False)
 class VariationTask:
@@ -122,20 +133,13 @@ def _loaded(folder: Path, digest: str, accept: tuple[str, ...]) -> tuple[Recordi
     return recording, load(recording.map)
 
 
-_KEPT: dict[str, PlannedSearch] = {}
-
-
+@lru_cache(maxsize=4)
 def ready(plan: VariationPlan) -> PlannedSearch:
     """Give what all points of a plan share; kept for the next stretch, whose task holds an equal copy of the plan."""
     recording, network = _loaded(plan.folder, plan.hash, plan.accept)
-    key = f"{plan.hash} {plan.kernels_hash} {plan.maneuvers} {plan.settings}"
-    if key not in _KEPT:
-        _KEPT.clear()
-        origin = the_origin(plan.scenario, network, plan.kernels, plan.maneuvers)
-        _KEPT[key] = PlannedSearch(
-            origin, VariedAgainst(recording, network, plan.scenario, plan.varied, plan.settings)
-        )
-    return _KEPT[key]
+    origin = the_origin(plan.scenario, network, plan.kernels, plan.maneuvers)
+    against = VariedAgainst(recording, network, plan.scenario, plan.varied, plan.settings)
+    return PlannedSearch(origin, against)
 
 
 def dimensions(plan: VariationPlan) -> tuple[int, int]:
