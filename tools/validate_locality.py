@@ -4,7 +4,9 @@
 
 The lane change of the object that cuts in is varied, `--count` times in a box of 0.5 % of each component's range and
 `--wider` times in each larger one, each variation simulated with highway_pilot-1.0 on GT. Local is what ends as the
-re-simulated original does: the same decision, the same outcome of every criterion, and a risk within a factor of 2.
+re-simulated original does in risk: 95 % of a box within an order of magnitude, as Fig. 6.8 has a logarithmic axis. How
+many make the same decision, and have the same outcome of every criterion, is told besides: that flips wherever the
+original is near a threshold of the function.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ from resim.variations.settings import VariationSettings, WhatVaries
 ROOT = Path(__file__).parents[1]
 BOXES = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
 WHAT = WhatVaries(objects=("1",), labels=("lane_change_right",))
-FACTOR, SHARE = 2.0, 0.95
+FACTOR, SHARE = 10.0, 0.95
 """Of the risk of rGT; share of variations that have to be local for the box to be."""
 SHOWN = 100
 GREEN, BLUE, PURPLE = "#009E73", "#0072B2", "#7B3294"
@@ -80,16 +82,17 @@ def boxes(kernels: Path, prepared: PreparedRuns, count: int, wider: int) -> Iter
         yield Box(size, [simulated(prepared, drive) for drive in kept], len(found))
 
 
-def local(run: Simulated, origin: Simulated) -> bool:
-    """Whether a variation ends as the original does."""
+def local(run: Simulated, origin: Simulated, factor: float = FACTOR) -> bool:
+    """Whether the risk of a variation is near that of the original."""
     ratio = max(run.risk, 1e-12) / max(origin.risk, 1e-12)
-    return run.outcome == origin.outcome and 1.0 / FACTOR <= ratio <= FACTOR
+    return 1.0 / factor <= ratio <= factor
 
 
 def row(box: Box, origin: Simulated, ego: str) -> str:
     """One line of the table."""
     risk = np.array([run.risk for run in box.runs])
     share = np.mean([local(run, origin) for run in box.runs])
+    twice = np.mean([local(run, origin, 2.0) for run in box.runs])
     same = np.mean([run.outcome == origin.outcome for run in box.runs])
     end = [own(run.tracks, ego).x[0, -1] - own(origin.tracks, ego).x[0, -1] for run in box.runs]
     distance = np.median([run.drive.distance for run in box.runs if run.drive is not None])
@@ -97,7 +100,7 @@ def row(box: Box, origin: Simulated, ego: str) -> str:
     return (
         f"| {100 * box.size:g} % | {len(box.runs)} | {box.looked - len(box.runs)} | {distance:.3f} | "
         f"{low:.2e} | {middle:.2e} | {high:.2e} | {np.min(end):+.2f} to {np.max(end):+.2f} | {100 * same:.1f} % | "
-        f"{100 * share:.1f} % | {'local' if share >= SHARE else 'lost'} |"
+        f"{100 * twice:.1f} % | {100 * share:.1f} % | {'local' if share >= SHARE else 'lost'} |"
     )
 
 
@@ -154,8 +157,8 @@ def main() -> None:
     origin = simulated(prepared, None)
     print(f"rGT: risk {origin.risk:.3e}, {origin.outcome}\n")
     print("| box | variations | rejected | median distance [sd] | risk 2.5 % | median | 97.5 % | EGO's end [m] | "
-          "same outcome | and risk within a factor of 2 | |")  # fmt: skip
-    print("|" + "---|" * 11, flush=True)
+          "same outcome | risk within a factor of 2 | of 10 | |")  # fmt: skip
+    print("|" + "---|" * 12, flush=True)
     found = []
     for box in boxes(arguments.kernels, prepared, arguments.count, arguments.wider):
         print(row(box, origin, recording.ego), flush=True)
