@@ -22,7 +22,7 @@ from resim.recordings import read_tables
 from resim.results import whole_file
 from resim.variations.kernels import write_kernels
 from resim.variations.page.kernels import write_kernel_page
-from resim.variations.training import LONGEST, TraceTask, chosen_maneuvers, pooled, traces_of
+from resim.variations.training import LONGEST, CuttingTask, chosen_maneuvers, pooled, traces_of
 
 ROOT = Path(__file__).parents[1]
 ERROR = 1e-3
@@ -64,7 +64,7 @@ def main() -> None:
     taken = chosen_maneuvers(
         {name: tuple(maneuvers(folder)) for name, folder in folders.items()}, LONGEST, MOST
     )
-    tasks = [TraceTask(folder, name, taken[name]) for name, folder in folders.items()]
+    tasks = [CuttingTask(folder, name, taken[name]) for name, folder in folders.items()]
     done = dict(run_all(traces_of, tasks, workers=arguments.workers, time_limit=7200.0))
     found = []
     for k in range(len(tasks)):

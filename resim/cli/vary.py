@@ -15,6 +15,7 @@ from resim.core.spelling import counted
 
 if TYPE_CHECKING:
     from resim.variations.kernels import KernelFile
+    from resim.variations.report import VariationReport
 
 
 @command(vary_app, "drive")
@@ -83,7 +84,11 @@ def vary(
             recording, kernels, out, count=count, options=options,
             progress=lambda kept: progress.step("", by=kept - progress.done),
         )  # fmt: skip
-    report = made.report
+    _tell(made.report, out)
+
+
+def _tell(report: VariationReport, out: Path) -> None:
+    """Print what was made."""
     add_to_json(
         out=out, variations=report.variations, looked=report.looked, rejected=dict(report.rejected),
         trust=dict(report.trust), notes=list(report.notes),
@@ -91,9 +96,9 @@ def vary(
     say(f"varied: {', '.join(report.inputs.maneuvers)}")
     for note in report.notes:
         say(f"note: {note}")
-    told_rejected = "; ".join(f"{n} {why}" for why, n in report.rejected.items())
-    say(f"{counted(report.variations, 'variation')} of {counted(report.looked, 'point')}"
-        f"{f', rejected: {told_rejected}' if told_rejected else ''}")  # fmt: skip
+    rejected = "; ".join(f"{n} {why}" for why, n in report.rejected.items())
+    counts = f"{counted(report.variations, 'variation')} of {counted(report.looked, 'point')}"
+    say(f"{counts}{f', rejected: {rejected}' if rejected else ''}")
     say(f"trust: {', '.join(f'{n} {level}' for level, n in report.trust.items())}")
     say(f"{out}: variations.html, variations.parquet")
 
@@ -105,28 +110,22 @@ def train(
     report: Annotated[
         Path | None, typer.Option(help="Page (HTML) of how good they are.", show_default=False)
     ] = None,
-    components: Annotated[int, typer.Option(min=1, help="Components of each kernel.")] = 20,
     error: Annotated[
         float | None,
         typer.Option(
-            help="Take as few components as reconstruct the traces to this mean relative error, such as 0.001.",
-            show_default=False,
+            help="Take as few components as reconstruct the traces to this mean relative error, such as 0.001; "
+            "default: 20 components.", show_default=False,
         ),
     ] = None,
     least: Annotated[int, typer.Option(min=2, help="Traces from which on a maneuver gets a kernel.")] = 30,
-    most: Annotated[int, typer.Option(min=2, help="Traces of a maneuver at most, chosen evenly.")] = 4000,
-    longest: Annotated[
-        float, typer.Option(help="Longer stretches of a lane are cut into equal parts [s].")
-    ] = 15.0,
     real: Annotated[
         bool, typer.Option("--real", help="You vouch that people drove; refused for what resim made.")
     ] = False,
-    workers: Workers = None,
 ) -> None:  # fmt: skip
     """Train maneuver kernels: principal components of the traces of lane changes, of following a lane, ..."""
     from resim.jobs import kernels as job
 
-    options = job.TrainOptions(components, error, least, most, longest, real, workers)
+    options = job.TrainOptions(error=error, least=least, real=real)
     with ProgressReporter("recordings") as progress:
         found = job.train_kernels(mined, out, options, report=report, progress=progress.step)
     add_to_json(out=out, report=None if report is None else str(report), data=found.data,

@@ -36,8 +36,8 @@ from resim.variations.swept import BOX
 from resim.variations.training import (
     LONGEST,
     MOST,
+    CuttingTask,
     RecordingTraces,
-    TraceTask,
     chosen_maneuvers,
     pooled,
     traces_of,
@@ -150,7 +150,7 @@ def _traces(study: MiningResult, options: TrainOptions) -> Iterator[RecordingTra
     wanted = {part.recording: wanted_maneuvers(table, part.recording) for part in study.report.parts}
     taken = chosen_maneuvers(wanted, options.longest, options.most)
     tasks = [
-        TraceTask(Path(part.folder), part.recording, taken[part.recording], options.longest)
+        CuttingTask(Path(part.folder), part.recording, taken[part.recording], options.longest)
         for part in study.report.parts
     ]
     workers = min(options.workers or os.cpu_count() or 1, len(tasks))

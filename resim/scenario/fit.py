@@ -9,6 +9,7 @@ Gauss-Newton needs a few steps of less than a millisecond.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PPoly
@@ -42,6 +43,16 @@ EXACT = 2e-3
 _SAME_TIME = 1e-6
 Splines = tuple[Floats, Floats, Floats, Floats, complex]
 """Knots and values of speed, the same of heading, and the start x + iy [m], as the kernel takes them."""
+
+
+class _SearchOptions(NamedTuple):
+    """How to search: noise of positions [m], as far as it is known; how many segments in a row may not help, more where
+    neighbouring errors are alike; and from where, even segments if None.
+    """
+
+    noise: float = 0.0
+    patience: int = 2
+    begin: Splines | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +91,7 @@ def refit_trace(before: Trace, t: Floats, x: Floats, y: Floats, heading: Floats,
     knots = [np.r_[one.x[:-1] - one.x[0], since[-1]] for one in (before.v, before.heading)]
     values = before.v(before.v.x), before.heading(before.heading.x) + turned
     begin = knots[0], values[0], knots[1], values[1], complex(before.x0, before.y0) - first
-    found = _solved(since, place, unwrap_angle(heading), v, begin=begin)
+    found = _solved(since, place, unwrap_angle(heading), v, _SearchOptions(begin=begin))
     return _put_back(found, first, float(t[0]))
 
 
@@ -108,34 +119,31 @@ def _fitted(t: Floats, place: Complexes, heading: Floats, v: Floats) -> TraceFit
     paused = (far or strayed) and has_pause(t, place, noise)
     if far or paused:  # headings of who hardly moves may be anything
         known = noise if paused else 0.0  # else they follow the noise of positions while it stands
-        again = _solved(t, place, *signed_motion(t, place, heading, noise), known, patience=6)
+        again = _solved(t, place, *signed_motion(t, place, heading, noise), _SearchOptions(known, 6))
         found = min(found, again, key=lambda fit: float(np.square(fit.distance).mean()))
     return found
 
 
 def _solved(
-    t: Floats, place: Complexes, heading: Floats, v: Floats, noise: float = 0.0, patience: int = 2,
-    begin: Splines | None = None,
-) -> TraceFit:  # fmt: skip
-    """Add segments, halved where the error is largest, until they no longer help; then move the knots.
-
-    noise: of positions x + iy (T,) [m], as far as it is known. patience: how many segments in a row may not help, more
-    where neighbouring errors are alike. begin: from where to search; even segments, if None.
-    """
+    t: Floats, place: Complexes, heading: Floats, v: Floats, how: _SearchOptions = _SearchOptions()
+) -> TraceFit:
+    """Add segments, halved where the error is largest, until they no longer help; then move the knots."""
     from resim.scenario import kernel  # compiled: numba is imported where it is used only
 
     rule = Quadrature.over(float(t[0]), t)
     measured = (t, place, heading, v, rule.nodes, rule.grid, rule.before, rule.own, rule.half)
-    span, noise = float(t[-1] - t[0]), max(noise, LEAST_NOISE)
+    span, noise = float(t[-1] - t[0]), max(how.noise, LEAST_NOISE)
     segments = max(1, round(span / SEGMENT))
     most = max(segments, min(int(span / kernel.MIN_SEGMENT), len(t) // 2))
-    if begin is not None:
-        most = max(most, len(begin[0]))
+    if how.begin is not None:
+        most = max(most, len(how.begin[0]))
     best, off, error, mean = kernel.improved(
-        measured, begin or kernel.even(measured, segments), noise, 8, False
+        measured, how.begin or kernel.even(measured, segments), noise, 8, False
     )
     last, stalled, last_off = best, 0, off
-    while len(last[0]) <= most and mean > EXACT and stalled < (6 if _hangs_together(last_off) else patience):
+    while (
+        len(last[0]) <= most and mean > EXACT and stalled < (6 if _hangs_together(last_off) else how.patience)
+    ):
         noise = max(mean, LEAST_NOISE)
         last, last_off, error, last_mean = kernel.improved(
             measured, kernel.split(t, last, error), noise, 2, False

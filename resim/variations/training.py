@@ -69,7 +69,7 @@ class RecordingTraces:
 
 
 @dataclass(frozen=True)
-class TraceTask:
+class CuttingTask:
     """What `traces_of` needs: a recording's folder and name, and its maneuvers (rows of `maneuvers.parquet`).
 
     Attributes:
@@ -124,7 +124,7 @@ def equal_parts(start: float, end: float, longest: float) -> Iterator[tuple[floa
     yield from pairwise(ends)
 
 
-def traces_of(task: TraceTask) -> RecordingTraces:
+def traces_of(task: CuttingTask) -> RecordingTraces:
     """Give the traces of a recording. Raises InputError where it cannot be read any more."""
     recording = recording_of(read_tables(task.folder), lenient=True)  # it was checked when it was mined
     network, left_out = load(recording.map), Counter[str]()

@@ -34,11 +34,11 @@ SCALE = [[0.0, "#1a9641"], [0.3, "#a6d96a"], [0.5, "#ffffbf"], [0.75, "#fdae61"]
 """Green is uncorrelated, red is correlated."""
 PERCENT = 100.0
 
-Pooled = Mapping[str, tuple[Floats, Floats]]
+PooledTraces = Mapping[str, tuple[Floats, Floats]]
 
 
 def write_kernel_page(
-    kernels: KernelFile, pooled: Pooled, likeness: Mapping[str, tuple[Likeness, Likeness]], path: Path
+    kernels: KernelFile, pooled: PooledTraces, likeness: Mapping[str, tuple[Likeness, Likeness]], path: Path
 ) -> None:
     """Write the page.
 
