@@ -18,6 +18,43 @@ if TYPE_CHECKING:
     from resim.variations.report import VariationReport
 
 
+Objects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--object", metavar="ID",
+        help="Object to vary; may be given several times. Default: the most critical one, as of `resim verify --vary`.",
+    ),
+]  # fmt: skip
+Maneuvers = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--maneuver", metavar="LABEL",
+        help="Only its maneuvers of this label, such as lane_change_right; may be given several times. Default: all "
+        "that there is a kernel of.",
+    ),
+]  # fmt: skip
+Box = Annotated[
+    float | None,
+    typer.Option(
+        help="Share of each component's range by which it is varied to either side, such as 0.005; takes the place of "
+        "the settings'.", show_default=False,
+    ),
+]  # fmt: skip
+SettingsFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Box, types of vehicles, weathers and limits (TOML).", show_default=False
+    ),
+]
+Verified = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="verification.json of `resim verify --vary`, by which trust is judged.",
+        show_default=False,
+    ),
+]  # fmt: skip
+
+
 @command(vary_app, "drive")
 def vary(
     recording: Annotated[
@@ -28,43 +65,16 @@ def vary(
     count: Annotated[
         int, typer.Option(min=1, help="How many; the first ones are the same for any count.")
     ] = 100,
-    objects: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--object", metavar="ID", help="Object to vary; may be given several times. Default: the most "
-            "critical one, as of `resim verify --vary`.",
-        ),
-    ] = None,
-    maneuvers: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--maneuver", metavar="LABEL", help="Only its maneuvers of this label, such as "
-            "lane_change_right; may be given several times. Default: all that there is a kernel of.",
-        ),
-    ] = None,
-    box: Annotated[
-        float | None,
-        typer.Option(
-            help="Share of each component's range by which it is varied to either side, such as 0.005; takes the "
-            "place of the settings'.", show_default=False,
-        ),
-    ] = None,
-    settings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Box, types of vehicles, weathers and limits (TOML).", show_default=False),
-    ] = None,
-    verified: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="verification.json of `resim verify --vary`, by which trust is judged.",
-            show_default=False,
-        ),
-    ] = None,
+    objects: Objects = None,
+    maneuvers: Maneuvers = None,
+    box: Box = None,
+    settings: SettingsFile = None,
+    verified: Verified = None,
     overlap: Annotated[bool, typer.Option("--overlap", help="Let varied objects overlap others.")] = False,
     rows: Annotated[bool, typer.Option("--rows", help="Write the tables alone, no scenarios.")] = False,
     workers: Workers = None,
     accept: Accept = None,
-) -> None:  # fmt: skip
+) -> None:
     """Make variations of a drive that a human could have driven, near what was measured.
 
     Writes variations.parquet, rejected.parquet, scenarios/ with a JSCEN file each, and variations.html.
@@ -73,9 +83,7 @@ def vary(
     from resim.variations.settings import VariationSettings, WhatVaries, read_variation_settings
 
     told = VariationSettings() if settings is None else read_variation_settings(settings)
-    given: dict[str, object] = {} if box is None else {"box": box}
-    if overlap:
-        given["overlap"] = True
+    given = ({} if box is None else {"box": box}) | ({"overlap": True} if overlap else {})
     told = VariationSettings.model_validate({**told.model_dump(), **given})
     what = WhatVaries(tuple(objects or ()), tuple(maneuvers or ()), tuple(accept or ()))
     options = job.VaryOptions(what, told, verified, not rows, workers)

@@ -55,6 +55,9 @@ class _SearchOptions(NamedTuple):
     begin: Splines | None = None
 
 
+_PLAIN = _SearchOptions()
+
+
 @dataclass(frozen=True, eq=False)
 class TraceFit:
     """A fitted trace, and the distance (T,) [m] of each measured position from it."""
@@ -125,7 +128,7 @@ def _fitted(t: Floats, place: Complexes, heading: Floats, v: Floats) -> TraceFit
 
 
 def _solved(
-    t: Floats, place: Complexes, heading: Floats, v: Floats, how: _SearchOptions = _SearchOptions()
+    t: Floats, place: Complexes, heading: Floats, v: Floats, how: _SearchOptions = _PLAIN
 ) -> TraceFit:
     """Add segments, halved where the error is largest, until they no longer help; then move the knots."""
     from resim.scenario import kernel  # compiled: numba is imported where it is used only
