@@ -74,7 +74,7 @@ def _retaken(row: Floats, moved: Floats) -> Floats:
     t, s, d = parts(row)
     grid = np.arange(-BLEND - 1.0, t[-1] + BLEND + 1.0, STEP)
     places = [_extended(t, values, grid) for values in (s, d)]
-    motion = LaneMotion(None, grid, *places)  # type: ignore[arg-type]  nobody asks for its path here
+    motion = LaneMotion(None, grid, *places)  # type: ignore[arg-type]  # nobody asks for its path
     change = ManeuverChange(0.0, float(t[-1]), moved)
     found = joined_motion(motion, change)
     return feature_vector(found, 0.0, float(t[-1] + moved[POINTS - 1]))
@@ -91,7 +91,7 @@ def signals(features: Floats) -> dict[str, Floats]:
     """Give what the classifier sees (M,), by name: statistics of speed, acceleration and jerk along and across."""
     t, s, d = parts(features)
     step = (t[:, -1:] / (POINTS - 1)).clip(1e-6)
-    out = {}
+    out: dict[str, Floats] = {}
     for where, values in (("along", s), ("across", d)):
         for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
             series = np.diff(values, order, axis=1) / step**order
