@@ -61,6 +61,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,training_fit,validate_training.py fit --seeds 6)
 	$(call validated,plants,plant_faults.py 1280 --seed 5 --fix)
 	$(call validated,sweep,validate_sweep.py)
+	$(call validated,locality,validate_locality.py)
 	$(BIN)/pytest -m slow > out/validate/slow_tests.txt
 	-$(BIN)/resim verify scenarios/suites/highway.toml --build adfunc/builds/highway_pilot-1.0.toml \
 	  --perception adfunc/perception/proving_ground.json --out out/validate/highway > out/validate/highway.md
@@ -72,6 +73,7 @@ bench: $(READY)
 	$(BIN)/python tools/bench/risk.py
 	$(BIN)/python tools/bench/sweep.py
 	$(BIN)/python tools/bench/function.py
+	$(BIN)/python tools/bench/vary.py
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \

@@ -18,11 +18,13 @@ import resim.jobs.augment
 import resim.jobs.check
 import resim.jobs.convert
 import resim.jobs.generate
+import resim.jobs.kernels
 import resim.jobs.play
 import resim.jobs.resimulate
 import resim.jobs.sweep
 import resim.jobs.traffic
 import resim.jobs.train
+import resim.jobs.vary
 import resim.jobs.verify
 import resim.metrics.measures
 import resim.metrics.risk
@@ -49,6 +51,8 @@ API = {
     "Generate": resim.jobs.generate,
     "Traffic": resim.jobs.traffic,
     "Augment": resim.jobs.augment,
+    "Vary": resim.jobs.vary,
+    "Train maneuver kernels": resim.jobs.kernels,
     "Check and convert maps": resim.jobs.convert,
     "Re-simulation": resim.resimulation,
     "Cases and simulated drives": resim.simulation.case,

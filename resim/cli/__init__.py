@@ -29,6 +29,7 @@ from resim.cli import (
     sweep,
     sweep_report,
     traffic,
+    vary,
     verify,
 )
 from resim.cli.app import app, main
@@ -55,5 +56,6 @@ __all__ = [
     "sweep",
     "sweep_report",
     "traffic",
+    "vary",
     "verify",
 ]

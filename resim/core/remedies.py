@@ -17,5 +17,5 @@ MODEL = "`resim perception train` writes such files; adfunc/perception/ has some
 SUITE = "See scenarios/suites/highway.toml, or make one with `resim suite new`."
 SWEEP = "See scenarios/sweeps/perception_latency.toml."
 SWEPT = "Name the folder that `resim sweep --out` wrote."
-PLAYED = "Give a recording, the folder that `resim run` wrote, or a JSCEN file (.json)."
+PLAYED = "Give a recording, the folder that `resim run` or `resim vary` wrote, or a JSCEN file (.json)."
 MAP = "Check the path of the map."

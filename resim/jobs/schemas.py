@@ -30,6 +30,9 @@ from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.manifest import SweepBegun, SweepManifest
 from resim.sweeps.report import SweepReport
 from resim.sweeps.sweep_file import SweepFile
+from resim.variations.kernels import KernelFile
+from resim.variations.report import VariationReport
+from resim.variations.settings import VariationSettings
 from resim.verification.cases import CaseFile
 from resim.verification.inputs import VerificationBegun
 from resim.verification.report import VerificationReport
@@ -71,6 +74,9 @@ FORMATS: Mapping[str, FileFormat] = {
     "augmentation": FileFormat("*.toml", AugmentationSettings),
     "labels": FileFormat("*.toml", MiningSettings),
     "kinds": FileFormat("*.toml", KindsFile),
+    "variation": FileFormat("*.toml", VariationSettings),
+    "kernels": FileFormat("kernels.json", KernelFile, sealed=True),
+    "variations": FileFormat("variations.json", VariationReport, sealed=True),
     "suite": FileFormat("*.toml", SuiteFile),
     "sweep": FileFormat("*.toml", SweepFile),
     "perception": FileFormat("*.json", PerceptionModel),

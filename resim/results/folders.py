@@ -57,6 +57,7 @@ SWEEP = FolderKind(
         "journal": re.compile(r"\d+-of-\d+\.jsonl(\.refused\d*)?"),
     },
 )
+VARIATIONS = FolderKind("variations.json", re.compile(r"variations\.(json|html)"))
 
 MINING = FolderKind(
     "mined.json",
@@ -297,6 +298,7 @@ class FileKind:
 PAGE = FileKind((".html", ".htm"), (GENERATOR,))
 MODEL = FileKind((".json",), (f'"{get_args(PerceptionSchema)[0]}"', '"training"', '"trained on '))
 """A model that was trained, none that somebody wrote by hand."""
+KERNELS = FileKind((".json",), ('"resim-kernels-1"', '"checksum"'))
 PREDICTION = FileKind((".json",), ('"kinds"', '"fitted"', '"fitted to '))
 """A set that was fitted, likewise."""
 PICTURE = FileKind((".svg",), ('class="resim-scenario"',))

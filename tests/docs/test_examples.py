@@ -67,6 +67,7 @@ RUN_HERE = {
     "recording.toml",
     "mapping.toml",
     "mine.toml",
+    "neighbours.toml",
 }
 RUN_ELSEWHERE = {
     "agent.py",
@@ -458,3 +459,12 @@ def test_reactive_traffic_is_as_its_file_says(tmp_path: Path) -> None:
         2.0,
         1.2,
     )
+
+
+def test_the_settings_of_variations_are_read(tmp_path: Path) -> None:
+    from resim.variations.settings import read_variation_settings
+
+    path = tmp_path / "neighbours.toml"
+    path.write_text(example(ROOT / "docs" / "formats" / "variation.md", path.name), encoding="utf-8")
+    found = read_variation_settings(path)
+    assert ([one.name for one in found.vehicle], found.box, found.limits.braking) == (["van"], 0.005, 9.0)
