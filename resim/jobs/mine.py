@@ -28,7 +28,7 @@ from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
 from resim.results import explain_os_errors, locked, merge_parquet, write_json
 
-TABLES = ("maneuvers", "scenarios")
+TABLES = ("maneuvers", "scenarios", "slots")
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def _finish(
     report = MiningReport(
         version=__version__, rules=study.rules.hash, labels=[*study.rules.labels],
         trigger=[*study.rules.settings.extraction.trigger] if study.scenarios is None else [study.scenarios[0]],
-        parts=parts, failures=failures,
+        parts=parts, failures=failures, egos="every" if study.scenarios is None else "own",
     )  # fmt: skip
     write_json(sealed(to_json(report)), target / MARK)
     result = MiningResult(target, report)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from resim.mining.study import MinedPart
 
@@ -35,6 +36,7 @@ class MiningReport:
         trigger: What scenarios were cut out for.
         parts: What was found in each recording.
         failures: Recordings that could not be mined.
+        egos: Who is the EGO: `every` vehicle once, or each recording's `own`.
     """
 
     version: str
@@ -43,3 +45,4 @@ class MiningReport:
     trigger: list[str]
     parts: list[MinedPart]
     failures: list[MinedFailure]
+    egos: Literal["every", "own"] = "every"

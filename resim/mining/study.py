@@ -1,8 +1,8 @@
 """The study: recordings one after the other, each mined, its tables and scenarios written, and then forgotten.
 
 The folder: `parts/<recording>/` with the tables of each and `part.json`, by which a recording that was mined before is
-known; `recordings/`, `maps/<map>/` with the map and the JSCEN files; and of all together maneuvers.parquet and
-scenarios.parquet.
+known; `recordings/`, `maps/<map>/` with the map and the JSCEN files; and of all together maneuvers.parquet,
+scenarios.parquet and slots.parquet.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from resim.mining.maneuver import LabelledManeuver
 from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
+from resim.mining.slots import slot_frame, slot_traces
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines, load_checked
@@ -59,6 +60,12 @@ class MinedPart:
         vehicles_per_ego: Mean number of others that are there during an EGO's life, NaN without an EGO.
         egos: How many EGOs have 0, 1, 2, ... scenarios.
         lifetime: Mean life [s] of an EGO.
+        ego_hours: Hours [h] on lanes of the recording's own EGO.
+        ego_kilometres: Its kilometres [km] on lanes.
+        ego: Its id.
+        build: The build that drove it, None where a person did or nobody says.
+        build_hash: Hash of that build.
+        map: Name of the map, with the beginning of its hash.
     """
 
     recording: str
@@ -74,6 +81,12 @@ class MinedPart:
     vehicles_per_ego: float | None = None
     egos: tuple[int, ...] = ()
     lifetime: float | None = None
+    ego_hours: float | None = None
+    ego_kilometres: float | None = None
+    ego: str | None = None
+    build: str | None = None
+    build_hash: str | None = None
+    map: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +182,7 @@ class StudyOptions:
     def key(self) -> str:
         """Give what a part must have been mined with to be taken as it is."""
         told = [self.rules.hash, self.write, self.fit, "" if self.scenarios is None else self.scenarios[0]]
-        told += [sorted(self.accept), self.rules.settings.model_dump(mode="json")]
+        told += ["slots, own drive, map", sorted(self.accept), self.rules.settings.model_dump(mode="json")]
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
@@ -197,6 +210,8 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     part.mkdir(parents=True, exist_ok=True)
     write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
     write_parquet(frame, part / "scenarios.parquet")
+    slots = slot_frame(mined.names, slot_traces(mined.features, mined.scenarios))
+    write_parquet(slots, part / "slots.parquet")
     told = summary(mined, name, folder, digest)
     write_json(to_json(told), part / f".{PART}")
     (part / f".{PART}").replace(part / PART)
@@ -255,14 +270,18 @@ def _partial(one: ExtractedScenario) -> str:
 
 def map_beside(road: Path, out: Path) -> Path:
     """Give the study's copy of a map, made at need: maps of one name and other content are told apart."""
-    digest = file_hash(road)
-    folder = out / "maps" / f"{road.stem}-{digest[:8]}"
+    folder = out / "maps" / map_folder(road)
     copy = folder / road.name
     if not copy.is_file():
         folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(road, folder / f".{road.name}")
         (folder / f".{road.name}").replace(copy)
     return copy
+
+
+def map_folder(road: Path) -> str:
+    """Give the name of a map's folder: by its own name and the beginning of its hash."""
+    return f"{road.stem}-{file_hash(road)[:8]}"
 
 
 def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> MinedPart:
@@ -273,6 +292,7 @@ def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> Mine
     dt = np.where(same & on[1:], np.diff(samples.t), 0.0)
     way = np.where(same & on[1:], np.hypot(np.diff(samples.x), np.diff(samples.y)), 0.0)
     vehicles = samples.kinds(VEHICLES)
+    own = samples.owner[:-1] == samples.tracks.index(mined.recording.ego)
     per_ego = Counter(one.ego for one in mined.scenarios)
     drives = np.isin(samples.tracks.kind, list(VEHICLES)) & samples.tracks.valid.any(axis=1)
     counts = Counter(per_ego.get(int(row), 0) for row in np.flatnonzero(drives))
@@ -285,6 +305,9 @@ def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> Mine
         vehicles_per_ego=_others(first[drives], last[drives]) if drives.any() else None,
         egos=tuple(counts.get(k, 0) for k in range(max(counts, default=-1) + 1)),
         lifetime=float((last - first)[drives].mean()) if drives.any() else None,
+        ego_hours=float(dt[own].sum()) / 3600.0, ego_kilometres=float(way[own].sum()) / 1000.0,
+        ego=mined.recording.ego, build=mined.recording.build, build_hash=mined.recording.build_hash,
+        map=map_folder(mined.recording.map),
     )  # fmt: skip
 
 

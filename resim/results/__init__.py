@@ -2,12 +2,15 @@
 
 from resim.results.folders import (
     ASSESSMENT,
+    COMPARISON,
     CONVERSION,
     EXPORT,
     HALF,
     MODEL,
     PREDICTION,
+    RELEASE,
     RUN,
+    SPACE,
     SWEEP,
     SWEEP_REPORT,
     VERIFICATION,
@@ -32,12 +35,15 @@ from resim.results.writing import (
 
 __all__ = [
     "ASSESSMENT",
+    "COMPARISON",
     "CONVERSION",
     "EXPORT",
     "HALF",
     "MODEL",
     "PREDICTION",
+    "RELEASE",
     "RUN",
+    "SPACE",
     "SWEEP",
     "SWEEP_REPORT",
     "VERIFICATION",

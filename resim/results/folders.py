@@ -56,6 +56,10 @@ SWEEP = FolderKind(
     },
 )
 
+SPACE = FolderKind("space.json", re.compile(rf"space\.(json|html)|cover\.json|{HALF.pattern}"))
+RELEASE = FolderKind("release.json", re.compile(r"release\.(json|html)"))
+COMPARISON = FolderKind("comparison.json", re.compile(r"comparison\.(json|html)"))
+
 
 def check_output(folder: Path, kind: FolderKind = RUN, inputs: Iterable[Path] = ()) -> None:
     """Refuse, before any work is done, a folder that must not be replaced, or that any of the inputs lies in."""
