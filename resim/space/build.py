@@ -54,13 +54,19 @@ def build_space(
     """
     rows = pd.DataFrame(columns=list(COLUMNS))
     empty = Space(settings, (), rows, sources[0].traces.take([]), {})
-    space, places = _with_sources(empty, sources, 0)
+    space = _with_sources(empty, sources, 0)
     if not len(space.rows):
         raise InputError(sources[0].folder, "holds no scenario with its slots", "Mine more recordings.")
+    return cluster_buckets(space, workers)
+
+
+def cluster_buckets(space: Space, workers: int = 1) -> Space:
+    """Give a space with the scenarios of each of its buckets clustered anew."""
+    places = _places(len(space.rows))
     links: dict[str, BucketLinks] = {}
     for number, (bucket, own) in enumerate(_buckets(space.rows), start=1):
-        pairs = PairDistances(space.traces.take(own), settings.distance, workers)
-        found, links[bucket] = _clustered(pairs, settings)
+        pairs = PairDistances(space.traces.take(own), space.settings.distance, workers)
+        found, links[bucket] = _clustered(pairs, space.settings)
         places.number[own] = number
         names = [f"{number}.{k + 1}" for k in range(found.count)]
         places.fill(own, names, found, pairs, np.arange(len(own)))
@@ -73,7 +79,10 @@ def grow_space(space: Space, sources: Sequence[MinedSource], workers: int = 1) -
     Who is in which cluster does not depend on the order in which sources come (`resim.space.placing`).
     Raises InputError where a source is in the space already.
     """
-    grown, places = _with_sources(space, sources, 1 + max(one.batch for one in space.sources))
+    grown = _with_sources(space, sources, 1 + max(one.batch for one in space.sources))
+    places = _places(len(grown.rows))
+    for name in ("number", "cluster", "medoid", "to_medoid"):
+        getattr(places, name)[: len(space.rows)] = space.rows[name].to_numpy()
     numbers = dict(zip(space.rows["bucket"], space.rows["number"], strict=True))
     links = dict(space.links)
     for bucket, own in _buckets(grown.rows):
@@ -125,7 +134,7 @@ def _grow_bucket(space: Space, own: Ints, pairs: PairDistances, threshold: float
     names = np.array(sorted(set(places.cluster[own[core]].tolist()), key=_in_order), dtype=object)
     members = [core[places.cluster[own[core]] == name] for name in names]
     medoid = np.array([m[places.medoid[own[m]]][0] for m in members], dtype=np.intp)
-    label, nearest = place_rows(pairs, later, FrozenClusters(members, medoid), how, threshold)
+    label, _ = place_rows(pairs, later, FrozenClusters(members, medoid), how, threshold)
     fits = label >= 0
     rows = own[later[fits]]
     places.cluster[rows], places.medoid[rows] = names[label[fits]], False
@@ -154,6 +163,14 @@ def _buckets(rows: pd.DataFrame) -> Iterator[tuple[str, Ints]]:
     names = rows["bucket"].to_numpy(str)
     for bucket in np.unique(names).tolist():
         yield bucket, np.flatnonzero(names == bucket)
+
+
+def _places(count: int) -> _Places:
+    """Places of scenarios that are nowhere yet."""
+    return _Places(
+        np.zeros(count, dtype=np.intp), np.full(count, "", dtype=object), np.zeros(count, dtype=bool),
+        np.full(count, np.nan),
+    )  # fmt: skip
 
 
 def _placed(space: Space, places: _Places) -> Space:
@@ -186,7 +203,7 @@ def typed(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.astype(types | dict.fromkeys(("along_s", "collided", "medoid"), "bool"))[list(COLUMNS)]
 
 
-def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> tuple[Space, _Places]:
+def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> Space:
     """The space with the scenarios of sources, which are in no cluster yet."""
     entries, frames = list(space.sources), [space.rows] if len(space.rows) else []
     traces: list[SlotTraces] = [space.traces]
@@ -203,15 +220,7 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> t
         entries.append(entry)
         traces.append(source.traces)
     rows = pd.concat(frames, ignore_index=True) if frames else space.rows
-    count = len(rows)
-    keep = len(space.rows)
-    places = _Places(
-        np.zeros(count, dtype=np.intp), np.full(count, "", dtype=object), np.zeros(count, dtype=bool),
-        np.full(count, np.nan),
-    )  # fmt: skip
-    for name in ("number", "cluster", "medoid", "to_medoid"):
-        getattr(places, name)[:keep] = space.rows[name].to_numpy()
-    return replace(space, sources=tuple(entries), rows=rows, traces=joined(traces)), places
+    return replace(space, sources=tuple(entries), rows=rows, traces=joined(traces))
 
 
 def _free(name: str, taken: set[str]) -> str:
