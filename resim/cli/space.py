@@ -101,3 +101,104 @@ def _tell_coverage(found: CoverageEntry) -> None:
         say(
             f"not converged: at least {number(state.missing)} more scenarios, {number(state.missing_hours)} h"
         )
+
+
+@command(space_app, "cover")
+def cover(
+    space: Annotated[Path, typer.Argument(help="Folder of the space.")],
+    sweep: Annotated[
+        list[Path],
+        typer.Option(
+            "--sweep", metavar="FOLDER",
+            help="Folder of `resim sweep` or `resim verify` with simulated drives; may be given several times.",
+        ),
+    ],
+    held_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of other simulated drives whose collisions calibrate predicted risk; may be given several times.",
+        ),
+    ] = None,
+    within: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0, help="Slot distance to a verified test drive up to which a member counts; default: the threshold.",
+            show_default=False,
+        ),
+    ] = None,
+) -> None:  # fmt: skip
+    """Fill a space with simulated drives, and rate the risk of each cluster.
+
+    A simulated member counts where a test drive near it is verified for its build and perception. Writes cover.json,
+    members.parquet and cover.html into the space's folder.
+    """
+    from resim.jobs import space as job
+
+    found = job.cover(space, sweep, job.CoverOptions(within, tuple(held_out or ())))
+    members = sum(one.counted for one in found.clusters)
+    known = sum(bool(one.values) for one in found.clusters)
+    say(f"{found.label}: {found.drives} verified test drives, {members} simulated members count")
+    say(f"{known} of {len(found.clusters)} clusters have a member that counts")
+    say(f"predicted risk: {'not shown' if found.calibration is None else found.calibration.verdict}")
+    for note in found.notes:
+        say(f"note: {note}")
+    add_to_json(counted=members, clusters_with_members=known, drives=found.drives, notes=found.notes)
+
+
+@command(space_app, "release")
+def release(
+    space: Annotated[Path, typer.Argument(help="Folder of the space.")],
+    limits: Annotated[Path, typer.Option(metavar="FILE", help="What a release asks for (TOML).")],
+    out: Annotated[Path, typer.Option(help="Folder to write: release.json, release.html.")],
+) -> None:
+    """Decide whether the function may be released; what forbids it, and what to test next.
+
+    Ends with 0 only where all limits are met with their confidence; `bad` and `not shown` end with 1.
+    """
+    from resim.jobs import space as job
+
+    found = job.release(space, limits, out)
+    say(f"{found.verdict}: {found.statement}")
+    left = found.remaining
+    if found.forbidding:
+        enough = "within the limits" if left.enough else "not enough either"
+        say(
+            f"{counted(len(found.forbidding), 'cluster')} forbid it; without them {left.clusters} are left: {enough}"
+        )
+    for one in found.plan[:3]:
+        what = (
+            f"drive {one.amount:.3g} h more"
+            if one.what == "drive"
+            else f"simulate {one.amount:g} of {one.medoid}"
+        )
+        say(f"next: {what}: at most {one.after:.3g} accidents an hour in place of {one.before:.3g}")
+    for note in found.notes:
+        say(f"note: {note}")
+    say(f"{out}: release.html, release.json")
+    add_to_json(verdict=found.verdict, checks=found.checks, forbidding=len(found.forbidding))
+    if found.verdict != "good":
+        raise typer.Exit(1)
+
+
+@command(space_app, "compare")
+def compare(
+    one: Annotated[Path, typer.Argument(help="Folder of a space.")],
+    other: Annotated[Path, typer.Argument(help="Folder of another space, built with the same settings.")],
+    out: Annotated[Path, typer.Option(help="Folder to write: comparison.json, comparison.html.")],
+    workers: Workers = None,
+) -> None:
+    """Compare two spaces: what is in one only, and how far apart the shares of kinds are."""
+    from resim.jobs import space as job
+    from resim.space.page.words import interval, percent
+
+    found = job.compare(one, other, out, workers=workers)
+    say(
+        f"{counted(found.only_one, 'kind')} only in {found.one}: {percent(found.only_one_share)} of it (95 %)"
+    )
+    say(f"{counted(found.only_other, 'kind')} only in {found.other}: {percent(found.only_other_share)} of it")
+    say(f"apart (total variation): {interval(found.apart)}")
+    for note in found.notes:
+        say(f"note: {note}")
+    say(f"{out}: comparison.html, comparison.json")
+    add_to_json(apart=found.apart, only_one=found.only_one, only_other=found.only_other)

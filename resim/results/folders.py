@@ -56,7 +56,9 @@ SWEEP = FolderKind(
     },
 )
 
-SPACE = FolderKind("space.json", re.compile(rf"space\.(json|html)|cover\.(json|html)|members\.parquet|{HALF.pattern}"))
+SPACE = FolderKind(
+    "space.json", re.compile(rf"space\.(json|html)|cover\.(json|html)|members\.parquet|{HALF.pattern}")
+)
 RELEASE = FolderKind("release.json", re.compile(r"release\.(json|html)"))
 COMPARISON = FolderKind("comparison.json", re.compile(r"comparison\.(json|html)"))
 

@@ -78,7 +78,9 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
         near = IntervalEstimate(mean, float(told[mine].min()), float(told[mine].max()), 1.0)
         bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
     every = {one.verdict for one in bins}
-    whole: Calibrated = "too low" if "too low" in every else "not shown" if every != {"calibrated"} else "calibrated"
+    whole: Calibrated = (
+        "too low" if "too low" in every else "not shown" if every != {"calibrated"} else "calibrated"
+    )
     return ReliabilityReport(tuple(bins), whole, len(told), unknown)
 
 

@@ -93,7 +93,10 @@ def together(one: Space, other: Space, workers: int = 1) -> Space:
             raise InputError("the second space", problem, "Build both spaces with the same settings.")
     rows = other.rows.assign(occasion=other.rows["occasion"] + one.rows["occasion"].max() + 1)
     both = pd.concat([one.rows.assign(space=0), rows.assign(space=1)], ignore_index=True)
-    names = ["one/" + name if k == 0 else "other/" + name for k, name in zip(both["space"], both["scenario"], strict=True)]
+    names = [
+        "one/" + name if k == 0 else "other/" + name
+        for k, name in zip(both["space"], both["scenario"], strict=True)
+    ]
     whole = replace(
         one, rows=both.assign(scenario=pd.array(names, dtype="string"), batch=both["space"]),
         traces=joined([one.traces, other.traces]), links={},
@@ -156,7 +159,9 @@ def variation(counts: Ints, spread: tuple[float, ...], confidence: float = CONFI
     value = float(0.5 * np.abs(shares[0] - shares[1]).sum())
     first = (counts + (np.arange(counts.shape[1]) % 2)) // 2
     low = _held_out_gap(first, counts - first, spread, confidence)
-    wide = 0.5 * np.sqrt(counts.shape[1] / n).sum() + np.sqrt(0.5 * np.log(4.0 / (1.0 - confidence)) * (1.0 / n).sum())
+    wide = 0.5 * np.sqrt(counts.shape[1] / n).sum() + np.sqrt(
+        0.5 * np.log(4.0 / (1.0 - confidence)) * (1.0 / n).sum()
+    )
     unseen = sum(unseen_share(c[c > 0], s, confidence).high for c, s in zip(counts, spread, strict=True))
     return IntervalEstimate(value, min(low, value), float(min(value + wide + unseen, 1.0)), confidence)
 
@@ -169,7 +174,8 @@ def _held_out_gap(first: Ints, second: Ints, spread: tuple[float, ...], confiden
     if (held == 0).any():
         return 0.0
     one, other = (
-        share(float(second[k][mine].sum()) / spread[k], float(held[k]) / spread[k], confidence) for k in (0, 1)
+        share(float(second[k][mine].sum()) / spread[k], float(held[k]) / spread[k], confidence)
+        for k in (0, 1)
     )
     return max(difference(one, other).low, 0.0)
 

@@ -67,9 +67,7 @@ class AccidentTerms(NamedTuple):
     unseen: float
 
 
-def risk_limit(
-    one: ClusterRisk | None, alpha: float, least: int, *, believed: bool
-) -> RiskLimit:
+def risk_limit(one: ClusterRisk | None, alpha: float, least: int, *, believed: bool) -> RiskLimit:
     """Give the risk of a scenario of a cluster with limits of error probability alpha each.
 
     Members that do not count may make the upper limit larger, never smaller: it is the largest that any of them together
@@ -88,9 +86,13 @@ def risk_limit(
 
 
 def expected_accidents(
-    exposed: ExposedScenarios, risks: Sequence[RiskLimit], driven: float, confidence: float
-) -> AccidentTerms:
-    """Give expected accidents by what was driven, in its unit. risks (C,): of `risk_limit`, at a third of the error."""
+    exposed: ExposedScenarios, risks: Sequence[RiskLimit], driven: float, confidence: float,
+    whole: ExposedScenarios | None = None,
+) -> AccidentTerms:  # fmt: skip
+    """Give expected accidents by what was driven, in its unit. risks (C,): of `risk_limit`, at a third of the error.
+
+    whole: all that was seen, where exposed is a part: nobody can leave kinds out of an ODD that were not seen.
+    """
     alpha = (1.0 - confidence) / 3.0
     if not driven > 0.0:
         return AccidentTerms(np.nan, 0.0, np.inf, np.inf, np.inf, np.inf)
@@ -103,7 +105,7 @@ def expected_accidents(
         _upper(_per_occasion(exposed, weights[of]), float(weights.max(initial=0.0)), driven, alpha)
         for weights in (high, np.where(known, high, 0.0), np.where(known, 0.0, 1.0))
     ]
-    unseen = unseen_rate(exposed, driven, alpha)
+    unseen = unseen_rate(exposed if whole is None else whole, driven, alpha)
     return AccidentTerms(value, least, parts[0] + unseen, parts[1], parts[2], unseen)
 
 

@@ -20,7 +20,18 @@ from resim.space.model import Space
 from resim.space.placing import FrozenClusters, place_rows
 from resim.space.traces import Ints, SlotTraces, joined
 
-MEMBER_COLUMNS = ("member", "origin", "cluster", "drive", "drive_distance", "risk", "collided", "counts", "why", "repeat")
+MEMBER_COLUMNS = (
+    "member",
+    "origin",
+    "cluster",
+    "drive",
+    "drive_distance",
+    "risk",
+    "collided",
+    "counts",
+    "why",
+    "repeat",
+)
 """Of members.parquet: member: of the simulated run; origin: recording; cluster: "" for none; drive: nearest verified test
 drive, drive_distance to it, NaN for none; risk: largest accident risk, NaN where it is not known; collided: whether the
 EGO did, NULL where it is not known; counts: whether it is legitimised; why not; repeat: command."""
@@ -102,7 +113,11 @@ class Legitimacy:
 
 
 def judged_members(
-    space: Space, runs: Sequence[SimulatedRun], drives: Sequence[TestDrive], known: DrivenTraces, within: float
+    space: Space,
+    runs: Sequence[SimulatedRun],
+    drives: Sequence[TestDrive],
+    known: DrivenTraces,
+    within: float,
 ) -> pd.DataFrame:
     """Give a row per simulated run with MEMBER_COLUMNS. within: slot distance to a verified drive, at most."""
     cluster = clusters_of(space, known)
@@ -145,8 +160,12 @@ def _legitimacy(
         return Legitimacy("", math.nan, "no drive was verified with this build and perception")
     driven = [one for one in own if one.own]
     if not driven:
-        return Legitimacy("", math.nan, "no verified drive was driven by this build: people's drives are no test drives")
-    good = [one for one in driven if one.verdict == "verified" and (known.traces.rows_of([one.recording]) >= 0)[0]]
+        return Legitimacy(
+            "", math.nan, "no verified drive was driven by this build: people's drives are no test drives"
+        )
+    good = [
+        one for one in driven if one.verdict == "verified" and (known.traces.rows_of([one.recording]) >= 0)[0]
+    ]
     if not good:
         return Legitimacy("", math.nan, "no test drive of this build is verified")
     from_rows = _origins(space, recording, cluster, known)
@@ -160,7 +179,11 @@ def _legitimacy(
     nearest = apart.min(axis=0)
     k = int(np.argmin(nearest))
     distance = float(nearest[k])
-    why = "" if distance <= within else f"the nearest verified test drive is {distance:.2f} away, at most {within:g} counts"
+    why = (
+        ""
+        if distance <= within
+        else f"the nearest verified test drive is {distance:.2f} away, at most {within:g} counts"
+    )
     return Legitimacy(good[k].name, distance, why)
 
 
@@ -184,7 +207,9 @@ def clusters_of(space: Space, known: DrivenTraces) -> dict[str, str]:
     left = [str(name) for name in known.traces.names if str(name) not in out]
     for bucket in sorted({known.bucket[key] for key in left}):
         mine = [key for key in left if known.bucket[key] == bucket]
-        out |= dict(zip(mine, _placed(space, bucket, known.traces.take(known.traces.rows_of(mine))), strict=True))
+        out |= dict(
+            zip(mine, _placed(space, bucket, known.traces.take(known.traces.rows_of(mine))), strict=True)
+        )
     return out
 
 

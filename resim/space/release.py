@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -165,15 +166,18 @@ class ReleaseCase:
     driven: Mapping[Per, float]
     limits: ReleaseLimits
 
+    @cached_property
     def risk(self) -> list[RiskLimit]:
-        """Give the risk of a scenario of each cluster (C,)."""
+        """The risk of a scenario of each cluster (C,)."""
         told = self.limits
-        return risk_limits(self.names, self.risks, told.confidence, told.least_members, believed=self.believed)
+        return risk_limits(
+            self.names, self.risks, told.confidence, told.least_members, believed=self.believed
+        )
 
     def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
         """Give expected accidents, without clusters that are left out of the ODD."""
         return expected_accidents(
-            self.exposed.without(left_out), self.risk(), self.driven[per], self.limits.confidence
+            self.exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, self.exposed
         )
 
 
@@ -200,7 +204,7 @@ def decide(
     checks = release_checks(case, terms)
     verdict = verdict_of(checks, case.believed)
     forbidding, remaining = _odd(space, case, verdict)
-    plan = test_plan(case.names, case.exposed, case.risk(), (case.driven["hour"], limits), _medoids(space))
+    plan = test_plan(case.names, case.exposed, case.risk, (case.driven["hour"], limits), _medoids(space))
     return ReleaseReport(
         versions(), {}, hashes["space"], hashes["cover"], hashes["limits"], limits,
         "" if cover is None else cover.label, "" if cover is None else cover.build,
@@ -241,9 +245,7 @@ def verdict_of(checks: Sequence[ReleaseCheck], believed: bool) -> ReleaseVerdict
 def _budget(per: Per, found: AccidentTerms, limits: ReleaseLimits) -> AccidentBudget:
     limit = min((one.accidents for one in limits.limit if one.per == per), default=np.nan)
     known = IntervalEstimate(found.value, found.low, _finite(found.known), limits.confidence)
-    return AccidentBudget(
-        per, known, _finite(found.thin), _finite(found.unseen), _finite(found.high), limit
-    )
+    return AccidentBudget(per, known, _finite(found.thin), _finite(found.unseen), _finite(found.high), limit)
 
 
 def _finite(value: float) -> float:
@@ -254,7 +256,7 @@ def _odd(
     space: Space, case: ReleaseCase, verdict: ReleaseVerdict
 ) -> tuple[tuple[ForbiddingCluster, ...], RemainingDomain]:
     """The clusters that forbid the release, those with most accidents first, and what is left without them."""
-    risk = case.risk()
+    risk = case.risk
     count = np.bincount(case.exposed.kind, minlength=case.exposed.clusters)
     weight = count * np.array([one.high for one in risk])
     order = sorted(range(len(case.names)), key=lambda k: (-weight[k], case.names[k]))
@@ -327,7 +329,9 @@ def _found(one: ReleaseCheck) -> str:
 def _notes(case: ReleaseCase, cover: CoverReport | None) -> list[str]:
     out = [] if cover is None else list(cover.notes)
     if cover is None:
-        out.append("no simulated drive covers the space: every scenario counts as an accident (`resim space cover`)")
+        out.append(
+            "no simulated drive covers the space: every scenario counts as an accident (`resim space cover`)"
+        )
     elif cover.calibration is None:
         out.append("there are no held-out drives: predicted risk is not calibrated, and is not believed")
     elif cover.calibration.verdict != "calibrated":

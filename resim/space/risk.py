@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,8 @@ import pandas as pd
 
 from resim.core.geometry import Floats
 from resim.core.spec import EXACT, NumberOrNan
-from resim.space.calibration import ReliabilityReport
+from resim.space.calibration import ReliabilityReport, reliability
+from resim.space.members import SimulatedRun, TestDrive
 from resim.space.model import Space
 from resim.space.statistics.rates import IntervalEstimate, share
 
@@ -138,3 +139,33 @@ def _worst(members: pd.DataFrame) -> tuple[WorstMember, ...]:
         WorstMember(str(one.member), float(one.risk), None if pd.isna(one.collided) else bool(one.collided), str(one.repeat))
         for one in members.iloc[order].itertuples()
     )  # fmt: skip
+
+
+def calibrated(
+    risks: Sequence[ClusterRisk], held: Sequence[SimulatedRun], cluster: Mapping[str, str]
+) -> ReliabilityReport:
+    """Compare the risk of clusters, by their members that count, with the collisions of drives that were held out.
+
+    cluster: of recordings, by key. A held-out drive of no cluster, or of one without a risk, has no prediction.
+    """
+    by_name = {one.cluster: one.risk.value for one in risks}
+    predicted = np.array([by_name.get(cluster.get(run.recording, ""), np.nan) for run in held], dtype=float)
+    collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
+    return reliability(predicted, collided)
+
+
+def cover_notes(members: pd.DataFrame, drives: Sequence[TestDrive]) -> list[str]:
+    """Give what is to be known to believe what covers a space."""
+    out = []
+    if not any(one.own and one.verdict == "verified" for one in drives):
+        out.append("no test drive that this build drove is verified: no simulated member counts")
+    counts = members["counts"].to_numpy(bool)
+    if len(counts) and not counts.all():
+        why = members["why"][~counts].astype(str).value_counts()
+        out.append(
+            f"{int((~counts).sum())} of {len(counts)} simulated members do not count, most since: {why.index[0]}"
+        )
+    unknown = int((members["risk"].isna() | members["collided"].isna())[counts].sum())
+    if unknown:
+        out.append(f"{unknown} members that count have no known risk or end: they count as accidents")
+    return out

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from resim.report.document import document
 from resim.report.markup import Markup, html, join
 from resim.report.tables import table
 from resim.space.distance import PairDistances
 from resim.space.layout import plane
 from resim.space.model import Space
 from resim.space.page import figures
-from resim.space.page.words import interval, number, percent, section
+from resim.space.page.words import header, interval, number, percent, section, write_page
 from resim.space.report import BucketEntry, ClusterEntry, CoverageEntry, SpaceReport
 
 SHOWN = 12
@@ -29,17 +29,14 @@ MAPPED = 800
 def write_space_page(space: Space, told: SpaceReport, folder: Path) -> None:
     """Write space.html into the space's folder."""
     parts = [
-        _header(space, told), section("How much was seen", _coverage(told.coverage, "discovery")),
+        _header(told), section("How much was seen", _coverage(told.coverage, "discovery")),
         section("Clusters by distance", _map(space, told)), section("Buckets", _buckets(told)),
         section("Clusters of the largest buckets", _shown(space, told)), section("Sources", _sources(told)),
     ]  # fmt: skip
-    body = html("<main>\n{}</main>", join(parts, "\n"))
-    page = folder / ".space.html"
-    page.write_text(document("Scenario space", body), encoding="utf-8", newline="\n")
-    page.replace(folder / "space.html")
+    write_page(parts, "Scenario space", folder / "space.html")
 
 
-def _header(space: Space, told: SpaceReport) -> Markup:
+def _header(told: SpaceReport) -> Markup:
     settings = told.settings
     threshold = f"{settings.threshold:g}" if settings.threshold is not None else f"by {settings.choice}"
     clusters = sum(len(one.clusters) for one in told.buckets)
@@ -49,13 +46,7 @@ def _header(space: Space, told: SpaceReport) -> Markup:
         ("driven", f"{number(told.hours)} h, {number(told.kilometres)} km by EGOs"),
         ("clustering", f"{settings.linkage} linkage, threshold {threshold}"),
     )  # fmt: skip
-    listed = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in facts)
-    notes = join(html("<li>{}</li>", note) for note in told.notes)
-    told_notes = html('<div class="warnings"><b>Note</b><ul>{}</ul></div>', notes) if told.notes else ""
-    return html(
-        '<header><p class="kind">Scenario space</p><h1>Kinds of scenarios, and how many are missing</h1>'
-        '<dl class="facts">{}</dl>{}</header>', listed, told_notes,
-    )  # fmt: skip
+    return header("Scenario space", "Kinds of scenarios, and how many are missing", facts, told.notes)
 
 
 def _coverage(found: CoverageEntry, name: str) -> Markup:
@@ -95,18 +86,24 @@ def _converged(found: CoverageEntry) -> str:
 
 
 def _map(space: Space, told: SpaceReport) -> Markup:
+    drawn = cluster_map(space, told, {})
+    return html(
+        "<p>Each dot is a cluster, as large as it is frequent; those that are alike lie near.</p>{}", drawn
+    )
+
+
+def cluster_map(space: Space, told: SpaceReport, risk: Mapping[str, float]) -> Markup:
+    """Give the clusters laid out by distance, as large as they are frequent. risk: by cluster, which colours them."""
     clusters = sorted(told.clusters().values(), key=lambda one: (-one.members, one.cluster))[:MAPPED]
     own = space.traces.rows_of([one.medoid for one in clusters])
     pairs = PairDistances(space.traces.take(own), space.settings.distance)
     every = np.arange(len(own))
     place = plane(pairs.between(every, every))
     size = np.array([float(one.members) for one in clusters])
-    hover = {one.cluster: _cluster_words(one) for one in clusters}
     names = [one.cluster for one in clusters]
-    drawn = figures.cluster_map(place, size, np.full(len(size), np.nan), names, hover)
-    return html(
-        "<p>Each dot is a cluster, as large as it is frequent; those that are alike lie near.</p>{}", drawn
-    )
+    values = np.array([risk.get(name, np.nan) for name in names])
+    hover = {one.cluster: _cluster_words(one) for one in clusters}
+    return figures.cluster_map(place, size, values, names, hover)
 
 
 def _cluster_words(one: ClusterEntry) -> str:

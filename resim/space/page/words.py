@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 
-from resim.report.markup import Markup, html
+from resim.report.document import document
+from resim.report.markup import Markup, html, join
 from resim.space.statistics.rates import IntervalEstimate
 
 
@@ -29,3 +32,25 @@ def section(title: str, body: Markup) -> Markup:
 def percent(one: IntervalEstimate) -> str:
     """Give a share in percent with its interval."""
     return interval(one, 100.0, "%")
+
+
+def header(kind: str, title: str, facts: Sequence[tuple[str, str]], notes: Sequence[str]) -> Markup:
+    """Give the head of a page: what it is, facts, and notes."""
+    listed = join(html("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in facts)
+    items = join(html("<li>{}</li>", note) for note in notes)
+    told = html('<div class="warnings"><b>Note</b><ul>{}</ul></div>', items) if notes else ""
+    return html(
+        '<header><p class="kind">{}</p><h1>{}</h1><dl class="facts">{}</dl>{}</header>',
+        kind,
+        title,
+        listed,
+        told,
+    )
+
+
+def write_page(parts: Sequence[Markup], title: str, file: Path) -> None:
+    """Write a page of parts."""
+    body = html("<main>\n{}</main>", join(parts, "\n"))
+    beside = file.with_name(f".{file.name}")
+    beside.write_text(document(title, body), encoding="utf-8", newline="\n")
+    beside.replace(file)
