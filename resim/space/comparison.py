@@ -148,8 +148,8 @@ def difference(one: IntervalEstimate, other: IntervalEstimate) -> IntervalEstima
 def variation(counts: Ints, spread: tuple[float, ...], confidence: float = CONFIDENCE) -> IntervalEstimate:
     """Give the total variation of two distributions over kinds, from counts (2, C), with an interval on the safe side.
 
-    The lower end takes the kinds that have the larger share in the first half of each sample (every second one of each
-    kind), and compares the shares of these together in the other halves. The upper end is the estimate with the mean
+    The lower end takes the kinds that have the larger share in a drawn half of each sample (always the same draw), and
+    compares the shares of these together in the other halves. The upper end is the estimate with the mean
     error of C shares (at most half the root of C / n), its scatter (McDiarmid), and all that was not seen of either.
     """
     n = counts.sum(axis=1) / np.array(spread)
@@ -157,7 +157,7 @@ def variation(counts: Ints, spread: tuple[float, ...], confidence: float = CONFI
         return IntervalEstimate(np.nan, 0.0, 1.0, confidence)
     shares = counts / counts.sum(axis=1, keepdims=True)
     value = float(0.5 * np.abs(shares[0] - shares[1]).sum())
-    first = (counts + (np.arange(counts.shape[1]) % 2)) // 2
+    first = np.random.default_rng(0).binomial(counts, 0.5)
     low = _held_out_gap(first, counts - first, spread, confidence)
     wide = 0.5 * np.sqrt(counts.shape[1] / n).sum() + np.sqrt(
         0.5 * np.log(4.0 / (1.0 - confidence)) * (1.0 / n).sum()
