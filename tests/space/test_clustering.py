@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from space_families import FAMILIES, drawn
+from space.families import FAMILIES, drawn
 
 from resim.space.agreement import adjusted_rand
 from resim.space.clustering import choose_threshold, cluster, cut, dendrogram, silhouette

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from space_families import drawn
+from space.families import drawn
 
 from resim.space.distance import PUBLISHED, DistanceOptions, PairDistances
 from resim.space.traces import SLOTS, SlotTraces, joined
