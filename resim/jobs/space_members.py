@@ -15,11 +15,10 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.mining.features import features
 from resim.mining.extraction import window_of
-from resim.mining.slots import slot_frame, slot_traces
-from resim.mining.study import map_folder
+from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.recordings import Recording, read_recording
 from resim.road.opendrive import load
-from resim.space.members import DrivenTraces, SimulatedRun, TestDrive
+from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
 from resim.space.model import Space, bucket_names
 from resim.space.traces import from_frame
 from resim.sweeps.result import SweepResult, read_swept
@@ -27,8 +26,9 @@ from resim.verification.entries import MODEL, VerifiedRecording
 from resim.verification.folder import read as read_verification
 from resim.verification.report import VerificationReport
 
-PERCEPTION = "perception."
-"""Begins the names of swept parameters of a perception model."""
+VARIATION, TRUST = "variation.", "variation_trust"
+"""Begins the names of swept parameters that vary traffic; column of a sweep's table that says whether a verification
+legitimises the variation (`resim vary`)."""
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,13 @@ def _of_sweep(folder: Path, swept: SweepResult) -> Simulated:
             folder, f"sweeps {len(builds)} builds, a space is covered by one", "Sweep each build alone."
         )
     perception = inputs.perception.hash if inputs.perception is not None else None
-    changed = [p.name for p in swept.parameters if p.name.startswith(PERCEPTION)]
-    others = [p.name for p in swept.parameters if not p.name.startswith(PERCEPTION)]
+    changed = [p.name for p in swept.parameters if not p.name.startswith(VARIATION)]
     keys = {name: one.hash or name for name, one in inputs.recordings.items()}
-    words = ", ".join(f"{name} is swept" for name in (*changed, *others))
+    words = ", ".join(f"{name} is swept" for name in changed)
     runs = [
         SimulatedRun(
             f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
-            _number(row["risk"]), _flag(row["collision"]), words,
+            _number(row["risk"]), _flag(row["collision"]), words, str(row.get(TRUST) or INSIDE),
             repeat=f"resim sweep repeat {shlex.quote(str(folder))} {row['run']} --out out/repeated",
         )
         for row in swept.rows.to_dict("records")

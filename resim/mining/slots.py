@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from resim.core.files import file_hash
 from resim.core.geometry import Bools, Floats, wrap_angle
 from resim.mining.extraction import ExtractedScenario
 from resim.mining.features import CONTINUES, Features
@@ -90,6 +92,11 @@ def slot_frame(names: Sequence[str], traces: Sequence[SlotTrace]) -> pd.DataFram
     columns |= {f"v_{slot}": speed[:, k] for k, slot in enumerate(SLOTS)}
     frame = pd.DataFrame({**columns, "lane": lane, "bend": bend})
     return frame.astype({"scenario": "string", "lane": "int64"})
+
+
+def map_folder(road: Path) -> str:
+    """Give the name that tells a map from others: its own, and the beginning of its hash."""
+    return f"{road.stem}-{file_hash(road)[:8]}"
 
 
 def _moments(start: float, end: float) -> Floats:

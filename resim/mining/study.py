@@ -1,8 +1,8 @@
 """The study: recordings one after the other, each mined, its tables and scenarios written, and then forgotten.
 
 The folder: `parts/<recording>/` with the tables of each and `part.json`, by which a recording that was mined before is
-known; `recordings/`, `maps/<map>/` with the map and the JSCEN files; and of all together maneuvers.parquet,
-scenarios.parquet and slots.parquet.
+known; `recordings/`, `maps/<map>/` with the map and the JSCEN files; and of all together maneuvers.parquet and
+scenarios.parquet.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from resim.mining.maneuver import LabelledManeuver
 from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
-from resim.mining.slots import slot_frame, slot_traces
+from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording
 from resim.recordings.checked import finding_lines, load_checked
@@ -270,18 +270,14 @@ def _partial(one: ExtractedScenario) -> str:
 
 def map_beside(road: Path, out: Path) -> Path:
     """Give the study's copy of a map, made at need: maps of one name and other content are told apart."""
-    folder = out / "maps" / map_folder(road)
+    digest = file_hash(road)
+    folder = out / "maps" / f"{road.stem}-{digest[:8]}"
     copy = folder / road.name
     if not copy.is_file():
         folder.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(road, folder / f".{road.name}")
         (folder / f".{road.name}").replace(copy)
     return copy
-
-
-def map_folder(road: Path) -> str:
-    """Give the name of a map's folder: by its own name and the beginning of its hash."""
-    return f"{road.stem}-{file_hash(road)[:8]}"
 
 
 def summary(mined: MinedRecording, name: str, folder: Path, digest: str) -> MinedPart:

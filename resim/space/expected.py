@@ -147,7 +147,9 @@ def _upper(weights: Floats, largest: float, driven: float, alpha: float) -> floa
 def _lower(weights: Floats, driven: float, alpha: float) -> float:
     """Lower limit likewise."""
     mean, variance = float(weights.sum()), float((weights**2).sum())
-    return 0.0 if variance == 0.0 else float(variance / mean * gammaincinv(mean**2 / variance, alpha)) / driven
+    return (
+        0.0 if variance == 0.0 else float(variance / mean * gammaincinv(mean**2 / variance, alpha)) / driven
+    )
 
 
 def risk_limits(

@@ -49,7 +49,7 @@ class SimulatedRun:
         perception: Hash of the perception model, "" without one.
         risk: Largest accident risk, NaN where it is not known.
         collided: Whether the EGO collided, None where it is not known.
-        changed: What of the perception differs from the model, "" for nothing.
+        changed: What of build and perception differs from what was verified, "" for nothing.
         trust: `inside`, `outside` or `unknown` of a variation, `inside` of what was not varied.
         repeat: Command that repeats it.
     """
@@ -141,7 +141,7 @@ def judged_members(
 
 def _own_reason(run: SimulatedRun) -> str:
     if run.changed:
-        return f"its perception is not the verified one: {run.changed}"
+        return f"it is not what was verified: {run.changed}"
     if run.trust != INSIDE:
         return f"its variation lies {run.trust} of what was verified" if run.trust == "outside" else (
             "nobody knows whether its variation lies within what was verified"

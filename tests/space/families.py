@@ -49,5 +49,10 @@ def drawn(kind: str, name: str, rng: np.random.Generator, spread: float = 1.0) -
         begin = end
     speed = np.where(np.isfinite(offset), 0.0, np.nan)
     return SlotTraces(
-        np.array([name]), np.array([0, count], np.intp), offset, speed, np.ones(count, np.intp), np.zeros(count)
+        np.array([name]),
+        np.array([0, count], np.intp),
+        offset,
+        speed,
+        np.ones(count, np.intp),
+        np.zeros(count),
     )

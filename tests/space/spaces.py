@@ -36,10 +36,23 @@ def source(
         "kilometres": 100.0 * hours * (np.arange(n) + 1.0) / n,
     }  # fmt: skip
     driven = (DrivenRecording(name, hours, 100.0 * hours, "m-1", "a", build),)
-    return MinedSource(name, Path(f"/{name}"), f"hash of {name} {seed}", "every", driven, pd.DataFrame(told)[list(ROWS)], traces, ())
+    return MinedSource(
+        name,
+        Path(f"/{name}"),
+        f"hash of {name} {seed}",
+        "every",
+        driven,
+        pd.DataFrame(told)[list(ROWS)],
+        traces,
+        (),
+    )
 
 
 def space_of(
-    kinds: list[str], seed: int = 0, hours: float = 1.0, settings: SpaceSettings = DEFAULT_SETTINGS, build: str = ""
+    kinds: list[str],
+    seed: int = 0,
+    hours: float = 1.0,
+    settings: SpaceSettings = DEFAULT_SETTINGS,
+    build: str = "",
 ) -> Space:
     return build_space([source("one", kinds, seed, hours, build)], settings)

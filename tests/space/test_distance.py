@@ -82,7 +82,9 @@ def test_a_scene_with_every_case_of_figures_6_15_and_6_16() -> None:
     # in both: I and V; in one only: II and VIII; in none: the others
     one = [scene(I=-20.0, II=1.0, V=60.0)]
     two = [scene(I=-39.0, V=41.0, VIII=30.0)]
-    assert PairDistances(of_scenes(one, two)).condensed() == pytest.approx([19.0 / 95.0 * 2 + 1.5 * 2], abs=1e-12)
+    assert PairDistances(of_scenes(one, two)).condensed() == pytest.approx(
+        [19.0 / 95.0 * 2 + 1.5 * 2], abs=1e-12
+    )
 
 
 def test_the_ends_of_the_range() -> None:

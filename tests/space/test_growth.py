@@ -79,7 +79,9 @@ def test_a_source_is_in_a_space_once_and_another_bucket_is_added() -> None:
 
 def test_several_egos_that_see_the_same_do_not_make_a_kind_seen_twice() -> None:
     alone = report(build_space([source("a", [*KINDS] * 2, 1)]), {}).coverage
-    twice = report(build_space([source("b", [k for k in KINDS for _ in range(2)], 1, together=2)]), {}).coverage
+    twice = report(
+        build_space([source("b", [k for k in KINDS for _ in range(2)], 1, together=2)]), {}
+    ).coverage
     assert alone.convergence.unseen.value == 0.0
     assert twice.convergence.unseen.value == 1.0
 
@@ -90,13 +92,23 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
     assert few.missing > 50
     assert few.missing_hours > 1.0
     many = SeenScenarios(
-        np.arange(600) % 6, np.arange(600), np.full(600, 0.1), np.arange(600.0), np.arange(600.0), (600.0, 600.0)
+        np.arange(600) % 6,
+        np.arange(600),
+        np.full(600, 0.1),
+        np.arange(600.0),
+        np.arange(600.0),
+        (600.0, 600.0),
     )
     assert coverage(many).convergence.converged
     assert coverage(many).discovery_per_hour.value == 0.0
     assert coverage(many).discovery_per_hour.high > 0.0
     growing = SeenScenarios(
-        np.arange(600) % 6, np.arange(600), np.arange(600.0) / 100.0, np.arange(600.0), np.arange(600.0), (600.0, 600.0)
+        np.arange(600) % 6,
+        np.arange(600),
+        np.arange(600.0) / 100.0,
+        np.arange(600.0),
+        np.arange(600.0),
+        (600.0, 600.0),
     )
     assert not coverage(growing).convergence.converged
 

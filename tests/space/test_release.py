@@ -48,7 +48,9 @@ def cover(space: Space, frame: pd.DataFrame, calibration: object = GOOD) -> Cove
     return CoverReport({}, {}, "", "b", "f-1", "", 0.7, 1, risks, calibration, ())  # type: ignore[arg-type]
 
 
-def decided(space: Space, frame: pd.DataFrame, asked: ReleaseLimits, calibration: object = GOOD) -> ReleaseReport:
+def decided(
+    space: Space, frame: pd.DataFrame, asked: ReleaseLimits, calibration: object = GOOD
+) -> ReleaseReport:
     return decide(space, cover(space, frame, calibration), asked, HASHES)
 
 
@@ -81,7 +83,9 @@ def test_a_function_that_crashes_is_not_and_the_cluster_is_named(seen: Space) ->
     assert found.remaining.share.low < 0.8 < found.remaining.share.high
 
 
-@pytest.mark.parametrize("what", ["no cover", "no calibration", "few members", "no members", "no hours", "too low"])
+@pytest.mark.parametrize(
+    "what", ["no cover", "no calibration", "few members", "no members", "no hours", "too low"]
+)
 def test_what_is_not_known_is_not_shown(seen: Space, what: str) -> None:
     frame, calibration, space = members(seen, 5000, 0.0), GOOD, seen
     if what == "no cover":
@@ -119,7 +123,9 @@ def some_space(seed: int) -> Space:
 
 
 @settings(deadline=None, max_examples=25)
-@given(seed=st.integers(0, 10_000), part=st.sampled_from(["risk", "collided", "counts", "calibration", "hours"]))
+@given(
+    seed=st.integers(0, 10_000), part=st.sampled_from(["risk", "collided", "counts", "calibration", "hours"])
+)
 def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
     rng = np.random.default_rng(seed)
     space = some_space(seed % 3)
@@ -139,7 +145,10 @@ def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
         calibration = None
     else:
         poorer = replace(space, sources=tuple(replace(one, hours=np.nan) for one in space.sources))
-    one, two = (release_case(s, cover(s, f, c), asked) for s, f, c in ((space, frame, GOOD), (poorer, worse, calibration)))
+    one, two = (
+        release_case(s, cover(s, f, c), asked)
+        for s, f, c in ((space, frame, GOOD), (poorer, worse, calibration))
+    )
     before, after = (
         verdict_of(release_checks(case, {per: case.accidents(per) for per in case.driven}), case.believed)
         for case in (one, two)
@@ -165,6 +174,8 @@ def test_two_spaces_beside_each_other() -> None:
     assert found.apart.value == pytest.approx(0.5)
     assert 0.3 < found.apart.low < 0.5 < found.apart.high
     assert sum(kind.one for kind in found.kinds) == 240
-    alike = compare_spaces(together(people, build_space([source("p2", [*KINDS[:6]] * 40, 3)])), ("a", "b"), ("", ""))
+    alike = compare_spaces(
+        together(people, build_space([source("p2", [*KINDS[:6]] * 40, 3)])), ("a", "b"), ("", "")
+    )
     assert alike.apart.value == pytest.approx(0.0)
     assert alike.apart.high > 0.0

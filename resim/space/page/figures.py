@@ -24,6 +24,8 @@ REACH = (-50.0, 100.0)
 SIDES = (0, 0, 0, 1, 1, 2, 2, 2)
 """Which lane a slot is on: the left, the EGO's own, the right one."""
 MOST_LEAVES = 600
+ANOTHER = 6.0
+"""m between two scenes from which on another vehicle holds a slot: 30 m/s of relative speed."""
 
 
 def dendrogram(bucket: BucketEntry) -> Markup:
@@ -114,7 +116,8 @@ def _ways(traces: SlotTraces, row: int, color: str, width: float) -> list[Markup
     out = []
     for slot in range(8):
         there = np.isfinite(offset[:, slot])
-        edges = np.flatnonzero(np.diff(np.r_[False, there, False]))
+        jumps = np.flatnonzero(np.abs(np.diff(offset[:, slot])) > ANOTHER) + 1  # another vehicle holds it
+        edges = np.sort(np.r_[np.flatnonzero(np.diff(np.r_[False, there, False])), jumps, jumps])
         for begin, end in edges.reshape(-1, 2).tolist():
             x, y = _x(offset[begin:end, slot]), (SIDES[slot] + 0.5) * lane + down[begin:end]
             step = max((end - begin) // 20, 1)
