@@ -48,6 +48,10 @@ def mine(
         WrittenScenarios,
         typer.Option(help="What is written of each scenario, beside its row in scenarios.parquet."),
     ] = WrittenScenarios.fitted,
+    own_ego: Annotated[
+        bool,
+        typer.Option("--own-ego", help="Take each recording's own EGO alone, as of test drives; default: every vehicle."),
+    ] = False,
     accept: Accept = None,
 ) -> None:
     """Find maneuvers in recordings, and cut the scenarios out, as recordings and JSCEN files.
@@ -59,7 +63,7 @@ def mine(
     from resim.jobs import mine as job
 
     write, fit = scenarios != WrittenScenarios.rows, scenarios == WrittenScenarios.fitted
-    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, resume=True)
+    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, own_ego, resume=True)
     found = job.mine(recordings, out, options, heard=_tell)
     _print(found)
     say(f"{out}: mined.html, maneuvers.parquet, scenarios.parquet")

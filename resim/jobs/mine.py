@@ -21,7 +21,7 @@ from resim.mining.maneuver import label_names
 from resim.mining.own_labels import read_rules
 from resim.mining.page import write_mined_page
 from resim.mining.report import MARK, MinedFailure, MiningReport
-from resim.mining.study import MinedPart, StudyOptions, mine_into
+from resim.mining.study import MinedPart, StudyOptions, mine_into, own_extraction
 from resim.recordings.settings import SETTINGS
 from resim.recordings.tables import read_parquet
 from resim.report.markup import Markup
@@ -29,6 +29,8 @@ from resim.report.notebook import notebook_html
 from resim.results import explain_os_errors, locked, merge_parquet, write_json
 
 TABLES = ("maneuvers", "scenarios", "slots")
+OWN = "own EGO"
+"""Names the extraction of the scenarios of each recording's own EGO."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class MineOptions:
         accept: Codes of findings to continue despite.
         write: Whether scenarios are written as recordings.
         fit: Whether they are fitted and written as JSCEN files.
+        own_ego: Whether each recording's own EGO alone is the EGO of scenarios, as of test drives; else every vehicle is.
         resume: Whether the folder may hold an earlier study, of which all is kept that is as it would be.
     """
 
@@ -50,6 +53,7 @@ class MineOptions:
     accept: tuple[str, ...] = ()
     write: bool = True
     fit: bool = True
+    own_ego: bool = False
     resume: bool = False
 
 
@@ -151,7 +155,7 @@ def read_mined(folder: str | Path) -> MiningResult:
 
 def _study(options: MineOptions) -> StudyOptions:
     rules = read_rules(options.labels)
-    scenarios = None
+    scenarios = (OWN, own_extraction(rules)) if options.own_ego else None
     if options.around is not None:
         asked = options.around
         if isinstance(asked, str):
@@ -196,13 +200,20 @@ def _finish(
         beside.replace(target / f"{table}.parquet")
     report = MiningReport(
         version=__version__, rules=study.rules.hash, labels=[*study.rules.labels],
-        trigger=[*study.rules.settings.extraction.trigger] if study.scenarios is None else [study.scenarios[0]],
+        trigger=_trigger(study),
         parts=parts, failures=failures, egos="every" if study.scenarios is None else "own",
     )  # fmt: skip
     write_json(sealed(to_json(report)), target / MARK)
     result = MiningResult(target, report)
     write_mined_page(report, result.maneuvers, result.scenarios, target)
     return result
+
+
+def _trigger(study: StudyOptions) -> list[str]:
+    """For what scenarios are cut out."""
+    if study.scenarios is None or study.scenarios[0] == OWN:
+        return [*study.rules.settings.extraction.trigger]
+    return [study.scenarios[0]]
 
 
 def known_labels() -> tuple[str, ...]:

@@ -186,6 +186,18 @@ class StudyOptions:
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
+def own_extraction(rules: MiningRules) -> SCENARIOS:
+    """Give what extracts the scenarios of each recording's own EGO."""
+
+    def find(
+        recording: Recording, found: Features, maneuvers: Sequence[LabelledManeuver]
+    ) -> list[ExtractedScenario]:
+        row = recording.gt.index(recording.ego)
+        return [one for one in extract(found, maneuvers, rules.settings.extraction) if one.ego == row]
+
+    return find
+
+
 def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> MinedPart:
     """Mine a recording folder under this name into the study's folder, or take what was mined before.
 
