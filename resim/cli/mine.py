@@ -63,7 +63,7 @@ def mine(
     from resim.jobs import mine as job
 
     write, fit = scenarios != WrittenScenarios.rows, scenarios == WrittenScenarios.fitted
-    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, own_ego, resume=True)
+    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, resume=True, own_ego=own_ego)
     found = job.mine(recordings, out, options, heard=_tell)
     _print(found)
     say(f"{out}: mined.html, maneuvers.parquet, scenarios.parquet")

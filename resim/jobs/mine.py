@@ -44,8 +44,8 @@ class MineOptions:
         accept: Codes of findings to continue despite.
         write: Whether scenarios are written as recordings.
         fit: Whether they are fitted and written as JSCEN files.
-        own_ego: Whether each recording's own EGO alone is the EGO of scenarios, as of test drives; else every vehicle is.
         resume: Whether the folder may hold an earlier study, of which all is kept that is as it would be.
+        own_ego: Whether each recording's own EGO alone is the EGO of scenarios, as of test drives; else every vehicle is.
     """
 
     labels: Path | None = None
@@ -53,8 +53,8 @@ class MineOptions:
     accept: tuple[str, ...] = ()
     write: bool = True
     fit: bool = True
-    own_ego: bool = False
     resume: bool = False
+    own_ego: bool = False
 
 
 @dataclass(frozen=True)
