@@ -50,7 +50,10 @@ def mine(
     ] = WrittenScenarios.fitted,
     own_ego: Annotated[
         bool,
-        typer.Option("--own-ego", help="Take each recording's own EGO alone, as of test drives; default: every vehicle."),
+        typer.Option(
+            "--own-ego",
+            help="Take the recordings' own EGOs alone, as of test drives.",
+        ),
     ] = False,
     accept: Accept = None,
 ) -> None:

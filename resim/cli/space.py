@@ -117,7 +117,7 @@ def cover(
         list[Path] | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of other simulated drives whose collisions calibrate predicted risk; may be given several times.",
+            help="Other simulated drives, whose collisions calibrate predicted risk; may be given several times.",
         ),
     ] = None,
     within: Annotated[

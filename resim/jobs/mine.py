@@ -45,7 +45,8 @@ class MineOptions:
         write: Whether scenarios are written as recordings.
         fit: Whether they are fitted and written as JSCEN files.
         resume: Whether the folder may hold an earlier study, of which all is kept that is as it would be.
-        own_ego: Whether each recording's own EGO alone is the EGO of scenarios, as of test drives; else every vehicle is.
+        own_ego: Whether each recording's own EGO alone is the EGO of scenarios, as of test drives; else every
+        vehicle is.
     """
 
     labels: Path | None = None

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.mining.features import features
 from resim.mining.extraction import window_of
+from resim.mining.features import features
 from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.recordings import Recording, read_recording
 from resim.road.opendrive import load
@@ -122,7 +122,9 @@ def _runs(folder: Path, one: VerifiedRecording, key: str, of: tuple[str, str]) -
 
 
 def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
-    """Give the slots of all recordings that were simulated, their buckets, and which scenarios of the space they are."""
+    """Give the slots of all recordings that were simulated, their buckets, and which scenarios of the space they
+    are.
+    """
     paths: dict[str, Path] = {}
     for one in given:
         paths |= one.folders

@@ -31,8 +31,8 @@ BEND = 0.5
 """m to each side over which the bend of a lane is measured."""
 SLOT_COLUMNS = ("scenario", "t", *SLOTS, *(f"v_{slot}" for slot in SLOTS), "lane", "bend")
 """Of slots.parquet: t [s] from the scenario's start; of each slot the metres ahead of the EGO along its lane, NaN where
-nobody holds it, and the speed [m/s] above the EGO's; lane: how many lanes that are driven the same way lie to the right,
--1 without a lane; bend: curvature [1/m] of the EGO's lane, to the left positive."""
+nobody holds it, and the speed [m/s] above the EGO's; lane: how many lanes that are driven the same way lie to the
+right, -1 without a lane; bend: curvature [1/m] of the EGO's lane, to the left positive."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,7 +96,9 @@ def grow_space(space: Space, sources: Sequence[MinedSource], workers: int = 1) -
 
 
 def usual_threshold(space: Space) -> float:
-    """Give the threshold of a bucket that the space was not built with: the given one, or the median of those chosen."""
+    """Give the threshold of a bucket that the space was not built with: the given one, or the median of those
+    chosen.
+    """
     if space.settings.threshold is not None:
         return space.settings.threshold
     built = [part.threshold for part in space.links.values() if part.chosen in ("silhouette", "stability")]

@@ -1,4 +1,5 @@
-"""Whether predicted risk is to be believed: against collisions in held-out simulated traffic, as a reliability diagram."""
+"""Whether predicted risk is to be believed: against collisions in held-out simulated traffic, as a reliability
+diagram."""
 
 from __future__ import annotations
 

@@ -115,7 +115,9 @@ def place(count: int, one: Ints, two: Ints | np.intp) -> Ints:
 
 
 def silhouette(condensed: Floats, label: Ints) -> float:
-    """Give the mean silhouette width (Rousseeuw 1987), 0 for who is alone; NaN for one cluster or none but lone ones."""
+    """Give the mean silhouette width (Rousseeuw 1987), 0 for who is alone; NaN for one cluster or none but lone
+    ones.
+    """
     # compiled: numba is imported where it is used only
     from resim.space import kernel
 

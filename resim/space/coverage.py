@@ -102,7 +102,9 @@ def convergence(once: SeenScenarios, limit: float = LIMIT) -> ConvergenceEntry:
 
 
 def expands(kind: Ints, distance: Floats) -> np.ndarray:
-    """Say of each scenario (N,), in order of time, whether it is of a new kind or enlarges its kind by over TOLERANCE."""
+    """Say of each scenario (N,), in order of time, whether it is of a new kind or enlarges its kind by over
+    TOLERANCE.
+    """
     out = np.zeros(len(kind), dtype=bool)
     radius: dict[int, float] = {}
     for n, (k, d) in enumerate(zip(kind.tolist(), distance.tolist(), strict=True)):

@@ -1,8 +1,8 @@
 """How far apart two scenarios are: the slot distance of the eight-vehicle model (Wagner 2021, 6.2.3).
 
-As published: in each slot |difference of the metres ahead| / 95 m where both scenes hold it, 1.5 where one alone does, 0
-where none does; summed over the eight slots; the mean over the common time at 5 Hz. It is in [0, 12], symmetric, and 0 of
-a scenario to itself. What the options add is on top of that, and each is 0 as published.
+As published: in each slot |difference of the metres ahead| / 95 m where both scenes hold it, 1.5 where one alone
+does, 0 where none does; summed over the eight slots; the mean over the common time at 5 Hz. It is in [0, 12],
+symmetric, and 0 of a scenario to itself. What the options add is on top of that, and each is 0 as published.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
     accidents / h  <=  upper limit of  sum over clusters of  rate  x  upper limit of risk   +   rate of unseen kinds
 
 The three upper limits share what the confidence leaves (Bonferroni): a third for the risks of all clusters together, a
-third for their rates, a third for the rate and the share of unseen kinds, each of whose scenarios counts as an accident.
-A cluster with too few members, without legitimised ones or without calibrated risk has the risk 1. It is on the safe side.
+third for their rates, a third for the rate and the share of unseen kinds, each of whose scenarios counts as an
+accident. A cluster with too few members, without legitimised ones or without calibrated risk has the risk 1. It is
+on the safe side.
 """
 
 from __future__ import annotations
@@ -70,8 +71,8 @@ class AccidentTerms(NamedTuple):
 def risk_limit(one: ClusterRisk | None, alpha: float, least: int, *, believed: bool) -> RiskLimit:
     """Give the risk of a scenario of a cluster with limits of error probability alpha each.
 
-    Members that do not count may make the upper limit larger, never smaller: it is the largest that any of them together
-    with those that count would give. believed: whether predicted risk is calibrated.
+    Members that do not count may make the upper limit larger, never smaller: it is the largest that any of them
+    together with those that count would give. believed: whether predicted risk is calibrated.
     """
     if one is None or not one.values:
         return RiskLimit(np.nan, 0.0, 1.0, False)

@@ -33,8 +33,8 @@ class SlotSamples(NamedTuple):
 
 class SceneWeights(NamedTuple):
     """longest: m that make a distance of 1; vacant: what a slot held in one scene alone costs; more: whether anything
-    else counts; speed: of a difference of `full_speed` [m/s]; lane: of another lane; bend: of a difference of `full_bend`
-    [1/m].
+    else counts; speed: of a difference of `full_speed` [m/s]; lane: of another lane; bend: of a difference of
+    `full_bend` [1/m].
     """
 
     longest: float
@@ -105,8 +105,8 @@ def common(of, a, b, weights):
 def warped(of, a, b, weights, window, row):
     """Give the mean distance along the cheapest alignment in time of two scenarios.
 
-    Dynamic time warping (Sakoe and Chiba 1978), with the symmetric steps and weights of their form P = 0: a step of both
-    counts twice, so that the sum is over the scenes of both. window: scenes by which an alignment may be off the
+    Dynamic time warping (Sakoe and Chiba 1978), with the symmetric steps and weights of their form P = 0: a step of
+    both counts twice, so that the sum is over the scenes of both. window: scenes by which an alignment may be off the
     diagonal of their lengths. row: scratch (2, M + 1).
     """
     i, j = of.first[a], of.first[b]
@@ -171,8 +171,8 @@ def longest(of):
 def sums(condensed, count, order, start):
     """Give sums (K,) of the distances of each scenario to those of its own cluster, and the largest (K,).
 
-    condensed: upper triangle of `count` scenarios; order (K,): scenarios, cluster by cluster; start (C + 1,): where each
-    cluster begins.
+    condensed: upper triangle of `count` scenarios; order (K,): scenarios, cluster by cluster; start (C + 1,): where
+    each cluster begins.
     """
     total, most = np.zeros(len(order)), np.zeros(len(order))
     for c in range(len(start) - 1):

@@ -1,8 +1,9 @@
 """Simulated drives as members of clusters, and whether they count (Wagner 2021, 6.3.1: locally verified).
 
 A simulated member counts where, for its build and perception, a test drive that this build drove is verified; where its
-origin, or the medoid of its cluster, lies within a stated slot distance of that drive; and where what was varied of it lies
-within what `resim verify --vary` found there (`trust` of `resim vary`). All others stay in the table, with the reason.
+origin, or the medoid of its cluster, lies within a stated slot distance of that drive; and where what was varied of
+it lies within what `resim verify --vary` found there (`trust` of `resim vary`). All others stay in the table, with
+the reason.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ MEMBER_COLUMNS = (
     "why",
     "repeat",
 )
-"""Of members.parquet: member: of the simulated run; origin: recording; cluster: "" for none; drive: nearest verified test
-drive, drive_distance to it, NaN for none; risk: largest accident risk, NaN where it is not known; collided: whether the
-EGO did, NULL where it is not known; counts: whether it is legitimised; why not; repeat: command."""
+"""Of members.parquet: member: of the simulated run; origin: recording; cluster: "" for none; drive: nearest verified
+test drive, drive_distance to it, NaN for none; risk: largest accident risk, NaN where it is not known; collided:
+whether the EGO did, NULL where it is not known; counts: whether it is legitimised; why not; repeat: command."""
 INSIDE = "inside"
 
 
@@ -201,7 +202,8 @@ def _there(rows: Ints) -> Ints:
 
 
 def clusters_of(space: Space, known: DrivenTraces) -> dict[str, str]:
-    """Give the cluster of each recording by key, "" for none: that of the scenario that it is, else of where it is placed."""
+    """Give the cluster of each recording by key, "" for none: that of the scenario that it is, else of where it is
+    placed."""
     by_scenario = dict(zip(space.rows["scenario"], space.rows["cluster"], strict=True))
     out = {key: str(by_scenario.get(name, "")) for key, name in known.scenario.items() if name}
     left = [str(name) for name in known.traces.names if str(name) not in out]

@@ -64,7 +64,9 @@ def _placed(
 
 
 def _may(distance: Floats, how: Linkage, threshold: float) -> np.ndarray:
-    """Whether a cluster with its medoid this far away can fit: for complete linkage the medoid is one of all members."""
+    """Whether a cluster with its medoid this far away can fit: for complete linkage the medoid is one of all
+    members.
+    """
     return distance <= threshold if how == "complete" else np.ones(len(distance), dtype=bool)
 
 

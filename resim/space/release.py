@@ -27,9 +27,9 @@ from resim.space.test_plan import PlannedTest, test_plan
 
 MARK = "release.json"
 SENTENCE = (
-    "The AD function is tested against a set of scenarios we trust to represent the entirety of scenarios within the ODD "
-    "at enough confidence, and the overall risk across these scenarios is low enough to release the function with enough "
-    "confidence."
+    "The AD function is tested against a set of scenarios we trust to represent the entirety of scenarios within the "
+    "ODD at enough confidence, and the overall risk across these scenarios is low enough to release the function with "
+    "enough confidence."
 )
 ReleaseVerdict = Literal["good", "bad", "not shown"]
 """`good`: all limits are met with their confidence; `bad`: a limit is exceeded with it; else `not shown`."""
@@ -315,8 +315,8 @@ def _statement(case: ReleaseCase, verdict: ReleaseVerdict, checks: Sequence[Rele
     seen, *accidents = checks
     numbers = ", ".join(f"at most {one.high:.3g} {one.name} (limit {one.limit:.3g})" for one in accidents)
     return (
-        f"{SENTENCE} With {100.0 * case.limits.confidence:g} % confidence: {len(case.names)} kinds of scenarios, of which "
-        f"the next one is with at least {100.0 * seen.low:.3g} %; {numbers}."
+        f"{SENTENCE} With {100.0 * case.limits.confidence:g} % confidence: {len(case.names)} kinds of scenarios, of "
+        f"which the next one is with at least {100.0 * seen.low:.3g} %; {numbers}."
     )
 
 

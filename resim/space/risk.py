@@ -136,8 +136,8 @@ def _cluster_risk(name: str, driven: pd.DataFrame, members: pd.DataFrame) -> Clu
 def _worst(members: pd.DataFrame) -> tuple[WorstMember, ...]:
     order = np.lexsort((members["member"].astype(str), -member_risks(members)))[:WORST]
     return tuple(
-        WorstMember(str(one.member), float(one.risk), None if pd.isna(one.collided) else bool(one.collided), str(one.repeat))
-        for one in members.iloc[order].itertuples()
+        WorstMember(str(one.member), float(one.risk), None if pd.isna(one.collided) else bool(one.collided),
+        str(one.repeat)) for one in members.iloc[order].itertuples()
     )  # fmt: skip
 
 

@@ -30,7 +30,8 @@ def source(
     n = len(kinds)
     told = {
         "scenario": names, "recording": [name] * n, "ego": ["a"] * n, "start": np.arange(n) * 10.0,
-        "end": np.arange(n) * 10.0 + 8.0, "map": ["m-1"] * n, "road": ["1"] * n, "along_s": [True] * n, "lanes": [3] * n,
+        "end": np.arange(n) * 10.0 + 8.0, "map": ["m-1"] * n, "road": ["1"] * n, "along_s": [True] * n,
+        "lanes": [3] * n,
         "vehicles": [4] * n, "tag": ["left"] * n, "folder": [""] * n, "build": [build] * n, "collided": [False] * n,
         "occasion": np.arange(n) // together, "hours": hours * (np.arange(n) + 1.0) / n,
         "kilometres": 100.0 * hours * (np.arange(n) + 1.0) / n,

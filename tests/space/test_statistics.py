@@ -18,7 +18,8 @@ LEVEL = 0.93
 """95 % less 2 points."""
 POPULATIONS = {
     "zipf": 1.0 / np.arange(1, 501), "steep": 1.0 / np.arange(1, 501) ** 2.0, "even": np.ones(500),
-    "few": np.ones(20), "geometric": 0.9 ** np.arange(300), "common and rare": np.r_[np.full(5, 0.18), np.full(1000, 1e-4)],
+    "few": np.ones(20), "geometric": 0.9 ** np.arange(300),
+    "common and rare": np.r_[np.full(5, 0.18), np.full(1000, 1e-4)],
 }  # fmt: skip
 
 
@@ -129,11 +130,11 @@ def test_a_held_out_half_agrees_where_nothing_changes_and_not_where_all_does() -
     assert held_out(np.array([1, 2, 3])) is None
 
 
-def cluster_risk(name: str, values: np.ndarray, beside: np.ndarray = np.zeros(0)) -> ClusterRisk:
+def cluster_risk(name: str, values: np.ndarray) -> ClusterRisk:
     ordered = tuple(np.sort(values)[::-1].tolist())
     return ClusterRisk(
-        name, 0, 0, len(values), len(beside), 0, 0, UNKNOWN, ordered,
-        tuple(np.sort(beside)[::-1].tolist()), (), {},
+        name, 0, 0, len(values), 0, 0, 0, UNKNOWN, ordered,
+        (), (), {},
     )  # fmt: skip
 
 

@@ -21,7 +21,8 @@ def write_comparison_page(found: SpaceComparison, folder: Path) -> None:
     """Write comparison.html."""
     both = len(found.kinds) - found.only_one - found.only_other
     facts = (
-        ("kinds in both", str(both)), (f"only in {found.one}", f"{found.only_one}, {percent(found.only_one_share)} of it"),
+        ("kinds in both", str(both)),
+        (f"only in {found.one}", f"{found.only_one}, {percent(found.only_one_share)} of it"),
         (f"only in {found.other}", f"{found.only_other}, {percent(found.only_other_share)} of it"),
         ("apart (total variation)", interval(found.apart)),
     )  # fmt: skip

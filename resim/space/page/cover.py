@@ -41,7 +41,8 @@ def write_cover_page(space: Space, told: SpaceReport, found: CoverReport, folder
     parts = [
         header("Covered space", "Risk of each kind of scenario", facts, found.notes),
         section("Risk by cluster", surface), section("Clusters", _clusters(told, found)),
-        section("Worst members", _worst(found)), section("Is predicted risk to be believed?", calibration(found.calibration)),
+        section("Worst members", _worst(found)), section("Is predicted risk to be believed?",
+        calibration(found.calibration)),
     ]  # fmt: skip
     write_page(parts, "Covered space", folder / "cover.html")
 
@@ -105,12 +106,13 @@ def calibration(found: ReliabilityReport | None) -> Markup:
     figure.update_xaxes(title_text="predicted risk")
     figure.update_yaxes(title_text="share that collided")
     rows = [
-        [f"{one.low:g} to {one.high:g}", str(one.drives), number(one.predicted.value), percent(one.collided), one.verdict]
+        [f"{one.low:g} to {one.high:g}", str(one.drives), number(one.predicted.value), percent(one.collided),
+         one.verdict]
         for one in found.bins
     ]  # fmt: skip
     told = html(
-        "<p>{} held-out drives: <b>{}</b>. {} of them have no prediction or no outcome.</p>", found.drives, found.verdict,
-        found.unknown,
+        "<p>{} held-out drives: <b>{}</b>. {} of them have no prediction or no outcome.</p>", found.drives,
+        found.verdict, found.unknown,
     )  # fmt: skip
     drawn = to_html(style(figure, 320.0), "reliability")
     heads = ["predicted", "drives", "mean", "collided (95 % of all bins)", ""]

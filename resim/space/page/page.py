@@ -120,8 +120,8 @@ def _buckets(told: SpaceReport) -> Markup:
              f"{one.threshold:.3g}, {one.chosen}", f"{number(one.coverage.kinds.at_least)}",
              percent(state.unseen), "yes" if state.converged else "no", missing]
         )  # fmt: skip
-    heads = ["bucket", "scenarios", "clusters", "with one member", "threshold", "kinds at least", "next is new", "converged",
-             "scenarios missing"]  # fmt: skip
+    heads = ["bucket", "scenarios", "clusters", "with one member", "threshold", "kinds at least", "next is new",
+             "converged", "scenarios missing"]  # fmt: skip
     return table(heads, rows)
 
 

@@ -61,7 +61,8 @@ def _forbidding(found: ReleaseReport) -> Markup:
     if not found.forbidding:
         return html("<p>None.</p>")
     rows = [
-        [one.cluster, one.bucket, f"{100.0 * one.share:.3g} %", number(one.risk), number(one.accidents), one.why, one.medoid]
+        [one.cluster, one.bucket, f"{100.0 * one.share:.3g} %", number(one.risk), number(one.accidents), one.why,
+         one.medoid]
         for one in found.forbidding[:LISTED]
     ]  # fmt: skip
     more = len(found.forbidding) - LISTED

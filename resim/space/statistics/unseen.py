@@ -1,8 +1,8 @@
 """How likely the next scenario is of a kind that was not seen, and how many kinds there are at least.
 
-Good, The population frequencies of species (Biometrika 40, 1953); Esty, A normal limit law for a nonparametric estimator
-of the coverage of a random sample (Annals of Statistics 11, 1983); Chao, Nonparametric estimation of the number of
-classes (Scandinavian Journal of Statistics 11, 1984).
+Good, The population frequencies of species (Biometrika 40, 1953); Esty, A normal limit law for a nonparametric
+estimator of the coverage of a random sample (Annals of Statistics 11, 1983); Chao, Nonparametric estimation of the
+number of classes (Scandinavian Journal of Statistics 11, 1984).
 """
 
 from __future__ import annotations
@@ -35,10 +35,11 @@ class KindCount:
 def unseen_share(counts: Ints, spread: float = 1.0, confidence: float = CONFIDENCE) -> IntervalEstimate:
     """Give the probability that the next one is of a kind not seen, from how often each kind was seen (C,).
 
-    Good and Turing's f1 / n. The interval is the hull of Esty's normal one and of the exact Poisson one of f1: the first
-    is [0, 0] without kinds seen once or twice, the second leaves out how the unseen share varies itself. Of Esty's
-    variance, f1 + 2 f2 - f1² / n, the last term is left out and one kind seen twice is added, so that it holds its level
-    for few scenarios, too. spread: how many kinds seen once come at one occasion (`spread_of`). [0, 1] of nothing.
+    Good and Turing's f1 / n. The interval is the hull of Esty's normal one and of the exact Poisson one of f1: the
+    first is [0, 0] without kinds seen once or twice, the second leaves out how the unseen share varies itself. Of
+    Esty's variance, f1 + 2 f2 - f1² / n, the last term is left out and one kind seen twice is added, so that it
+    holds its level for few scenarios, too. spread: how many kinds seen once come at one occasion (`spread_of`). [0,
+    1] of nothing.
     """
     n = float(counts.sum())
     if n == 0.0:
