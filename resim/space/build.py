@@ -99,34 +99,35 @@ def usual_threshold(space: Space) -> float:
     """Give the threshold of a bucket that the space was not built with: the given one, or the median of those
     chosen.
     """
-    if space.settings.threshold is not None:
+    if not isinstance(space.settings.threshold, str):
         return space.settings.threshold
     built = [part.threshold for part in space.links.values() if part.chosen in ("silhouette", "stability")]
     return float(np.median(built)) if built else float(np.median([p.threshold for p in space.links.values()]))
 
 
 def _clustered(pairs: PairDistances, settings: SpaceSettings) -> tuple[BucketClusters, BucketLinks]:
-    threshold, chosen = settings.threshold, "given"
+    how, seed = settings.linkage, settings.seed
     if pairs.count > settings.largest:
-        if threshold is None:
-            taken = np.sort(np.random.default_rng(settings.seed).permutation(pairs.count)[: settings.sample])
-            part = np.asarray(pairs.between(taken, taken)[np.triu_indices(len(taken), 1)])
-            threshold = choose_threshold(
-                part, len(taken), settings.linkage, settings.choice, settings.seed
-            ).best
-            chosen = settings.choice
-        found = cluster_all(pairs, settings.linkage, threshold, settings.sample, settings.seed)
-        return found, _links(found, chosen, "samples")
+        taken = np.sort(np.random.default_rng(seed).permutation(pairs.count)[: settings.sample])
+        part = np.asarray(pairs.between(taken, taken)[np.triu_indices(len(taken), 1)])
+        threshold, chosen = _threshold(part, len(taken), settings)
+        return _with_links(cluster_all(pairs, how, threshold, settings.sample, seed), chosen, "samples")
     condensed = pairs.condensed()
-    if threshold is None:
-        choice = choose_threshold(condensed, pairs.count, settings.linkage, settings.choice, settings.seed)
-        threshold, chosen = choice.best, settings.choice
-    found = cluster(condensed, settings.linkage, threshold)
-    return found, _links(found, chosen, "all pairs")
+    threshold, chosen = _threshold(condensed, pairs.count, settings)
+    return _with_links(cluster(condensed, how, threshold), chosen, "all pairs")
 
 
-def _links(found: BucketClusters, chosen: str, method: str) -> BucketLinks:
-    return BucketLinks(found.threshold, chosen, method, tuple(map(tuple, found.links.tolist())))
+def _threshold(condensed: Floats, count: int, settings: SpaceSettings) -> tuple[float, str]:
+    """The threshold of a bucket, and by what it was chosen."""
+    if not isinstance(settings.threshold, str):
+        return settings.threshold, "given"
+    by = settings.threshold
+    return choose_threshold(condensed, count, settings.linkage, by, settings.seed).best, by
+
+
+def _with_links(found: BucketClusters, chosen: str, method: str) -> tuple[BucketClusters, BucketLinks]:
+    links = tuple(map(tuple, found.links.tolist()))
+    return found, BucketLinks(found.threshold, chosen, method, links)
 
 
 def _grow_bucket(space: Space, own: Ints, pairs: PairDistances, threshold: float, places: _Places) -> None:

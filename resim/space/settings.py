@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from resim.core.spec import Strict
-from resim.space.clustering import PUBLISHED_THRESHOLD, Linkage
+from resim.space.clustering import PUBLISHED_THRESHOLD, Choice, Linkage
 from resim.space.distance import PUBLISHED, DistanceOptions
 
 LARGEST = 20_000
@@ -22,8 +22,8 @@ class SpaceSettings(Strict):
     Attributes:
         distance: What counts beside the published distance.
         linkage: Of the clustering; the published one is complete.
-        threshold: Up to and with which clusters are merged; None to choose one in each bucket.
-        choice: By what a threshold is chosen.
+        threshold: Up to and with which clusters are merged: a distance, or `silhouette` or `stability`, by which one is
+            chosen in each bucket.
         bucket: What scenarios must share to be compared: map, road, direction, lanes and vehicles; or lanes and
             vehicles; or vehicles alone.
         largest: Scenarios of a bucket up to which all distances are computed.
@@ -33,8 +33,7 @@ class SpaceSettings(Strict):
 
     distance: DistanceOptions = PUBLISHED
     linkage: Linkage = "complete"
-    threshold: Annotated[float, Field(strict=True, gt=0.0)] | None = PUBLISHED_THRESHOLD
-    choice: Literal["silhouette", "stability"] = "silhouette"
+    threshold: Annotated[float, Field(strict=True, gt=0.0)] | Choice = PUBLISHED_THRESHOLD
     bucket: Literal["road", "lanes", "vehicles"] = "road"
     largest: Annotated[int, Field(strict=True, ge=3)] = LARGEST
     sample: Annotated[int, Field(strict=True, ge=3)] = SAMPLE

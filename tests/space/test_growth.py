@@ -131,7 +131,7 @@ def test_a_large_bucket_is_clustered_by_samples() -> None:
 
 
 def test_a_threshold_is_chosen_for_each_bucket() -> None:
-    found = space_of([*KINDS] * 6, settings=SpaceSettings(threshold=None, choice="stability"))
+    found = space_of([*KINDS] * 6, settings=SpaceSettings(threshold="stability"))
     how = next(iter(found.links.values()))
     assert how.chosen == "stability"
     assert len(set(found.rows["cluster"])) == len(KINDS)

@@ -38,7 +38,8 @@ def write_space_page(space: Space, told: SpaceReport, folder: Path) -> None:
 
 def _header(told: SpaceReport) -> Markup:
     settings = told.settings
-    threshold = f"{settings.threshold:g}" if settings.threshold is not None else f"by {settings.choice}"
+    asked = settings.threshold
+    threshold = f"by {asked}" if isinstance(asked, str) else f"{asked:g}"
     clusters = sum(len(one.clusters) for one in told.buckets)
     facts = (
         ("scenarios", f"{told.scenarios} in {len(told.buckets)} buckets"),
