@@ -196,8 +196,8 @@ def _occasions(frame: pd.DataFrame, maneuvers: pd.DataFrame, trigger: list[str])
     n, m = len(frame), len(wanted)
     if not n:
         return np.zeros(0, dtype=np.intp)
-    row, column = np.array(pairs or np.zeros((0, 2)), dtype=np.intp).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(row)), (row, n + column)), shape=(n + m, n + m))
+    edges = np.array(pairs or np.zeros((0, 2)), dtype=np.intp).reshape(-1, 2)
+    graph = coo_array((np.ones(len(edges)), (edges[:, 0], n + edges[:, 1])), shape=(n + m, n + m))
     label = connected_components(graph, directed=False)[1][:n]
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     return np.asarray(first[inverse], dtype=np.intp)
