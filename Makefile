@@ -47,6 +47,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)
 	$(call validated,traffic,validate_traffic.py)
+	$(call validated,space,validate_space.py)
 	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
 	$(call validated,real_recordings,check_real.py $(DATA))
 	$(call validated,real_fits,validate_real.py fits $(DATA))
@@ -67,6 +68,7 @@ bench: $(READY)
 	$(BIN)/python tools/bench/risk.py
 	$(BIN)/python tools/bench/sweep.py
 	$(BIN)/python tools/bench/function.py
+	$(BIN)/python tools/bench/space.py
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \

@@ -41,8 +41,10 @@ def build(
     """
     from resim.jobs import space as job
 
-    how = job.DEFAULT_SETTINGS if settings is None else job.read_space_settings(settings)
-    _tell(job.build(mined, out, how, workers=workers))
+    if settings is None:
+        _tell(job.build(mined, out, workers=workers))
+    else:
+        _tell(job.build(mined, out, job.read_space_settings(settings), workers=workers))
 
 
 @command(space_app, "grow")

@@ -71,7 +71,7 @@ def cut(links: Floats, threshold: float) -> Ints:
     """Give the cluster (N,) of each scenario, links up to and with the threshold accepted."""
     if not len(links):
         return np.zeros(1, dtype=np.intp)
-    return _in_order(fcluster(links, threshold, "distance"))
+    return _in_order(np.asarray(fcluster(links, threshold, "distance"), dtype=np.intp))
 
 
 def _in_order(label: Ints) -> Ints:

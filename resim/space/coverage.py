@@ -42,10 +42,10 @@ class SeenScenarios:
 
     def take(self, rows: Ints) -> SeenScenarios:
         """Give some of them."""
-        parts = (
-            getattr(self, name)[rows] for name in ("kind", "occasion", "distance", "hours", "kilometres")
-        )
-        return SeenScenarios(*parts, self.whole)
+        return SeenScenarios(
+            self.kind[rows], self.occasion[rows], self.distance[rows], self.hours[rows], self.kilometres[rows],
+            self.whole,
+        )  # fmt: skip
 
 
 def coverage(seen: SeenScenarios) -> CoverageEntry:

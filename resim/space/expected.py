@@ -130,7 +130,7 @@ def unseen_of(exposed: ExposedScenarios, confidence: float) -> IntervalEstimate:
 def _per_occasion(exposed: ExposedScenarios, weights: Floats) -> Floats:
     """Sums of weights (N,) by occasion: what comes at once is one event of that weight."""
     _, where = np.unique(exposed.occasion, return_inverse=True)
-    return np.bincount(where, weights) if len(where) else np.zeros(0)
+    return np.asarray(np.bincount(where, weights), dtype=float) if len(where) else np.zeros(0)
 
 
 def _upper(weights: Floats, largest: float, driven: float, alpha: float) -> float:

@@ -220,7 +220,7 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
     unseen = unseen_of(case.exposed, 2.0 * limits.confidence - 1.0)
     seen = ReleaseCheck(
         "the next scenario is of a kind that was seen", 1.0 - unseen.value, 1.0 - unseen.high, 1.0 - unseen.low,
-        limits.least_seen, 1.0 - unseen.high >= limits.least_seen, 1.0 - unseen.low < limits.least_seen,
+        limits.least_seen, bool(1.0 - unseen.high >= limits.least_seen), bool(1.0 - unseen.low < limits.least_seen),
         limits.least_seen_source,
     )  # fmt: skip
     out = [seen]
@@ -285,7 +285,7 @@ def _odd(
 
 def _fits(case: ReleaseCase, left_out: Sequence[int]) -> bool:
     """Whether all limits on accidents are met without some clusters."""
-    return all(case.accidents(one.per, left_out).high <= one.accidents for one in case.limits.limit)
+    return bool(all(case.accidents(one.per, left_out).high <= one.accidents for one in case.limits.limit))
 
 
 def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:

@@ -135,10 +135,15 @@ def _cluster_risk(name: str, driven: pd.DataFrame, members: pd.DataFrame) -> Clu
 
 def _worst(members: pd.DataFrame) -> tuple[WorstMember, ...]:
     order = np.lexsort((members["member"].astype(str), -member_risks(members)))[:WORST]
+    told = members.iloc[order]
+    risk, collided = told["risk"].to_numpy(float), told["collided"].to_numpy(float, na_value=np.nan)
+    names = zip(
+        told["member"].astype(str), risk.tolist(), collided.tolist(), told["repeat"].astype(str), strict=True
+    )
     return tuple(
-        WorstMember(str(one.member), float(one.risk), None if pd.isna(one.collided) else bool(one.collided),
-        str(one.repeat)) for one in members.iloc[order].itertuples()
-    )  # fmt: skip
+        WorstMember(name, value, None if np.isnan(hit) else bool(hit), repeat)
+        for name, value, hit, repeat in names
+    )
 
 
 def calibrated(

@@ -67,7 +67,9 @@ def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Spa
     rows = space.rows[space.rows["cluster"] == "1.1"]
     medoid = space.traces.take(space.traces.rows_of(rows["scenario"][rows["medoid"]].astype(str).tolist()))
     name = str(rows["scenario"].iloc[0])
-    far = drawn(KINDS[3], "run", np.random.default_rng(0))  # as simulated it is elsewhere; the space says what it is
+    far = drawn(
+        KINDS[3], "run", np.random.default_rng(0)
+    )  # as simulated it is elsewhere; the space says what it is
     drive = replace(medoid, names=np.array(["drive"]))
     traces = DrivenTraces(joined([far, drive]), {"run": BUCKET, "drive": BUCKET}, {"run": name, "drive": ""})
     assert clusters_of(space, traces)["run"] == "1.1"
@@ -76,7 +78,8 @@ def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Spa
 
 def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
     own = replace(space, rows=space.rows.assign(build="f-1"))
-    runs = [RUN, replace(RUN, name="2", risk=0.5), replace(RUN, name="3", risk=np.nan), replace(RUN, name="4", trust="outside"),
+    runs = [RUN, replace(RUN, name="2", risk=0.5), replace(RUN, name="3", risk=np.nan),
+            replace(RUN, name="4", trust="outside"),
             replace(RUN, name="5", collided=True, risk=0.2, repeat="again")]  # fmt: skip
     members = judged_members(own, runs, [DRIVE], known(), 0.7)
     found = {one.cluster: one for one in cluster_risks(own, members, "f-1")}

@@ -175,7 +175,7 @@ def cluster_map(
         figure.add_trace(
             figure_trace(
                 "scatter", x=place[mine, 0], y=place[mine, 1], mode="markers", marker=marker,
-                text=[f"{names[k]}: {hover[names[k]]}" for k in np.flatnonzero(mine)], hoverinfo="text",
+                text=[f"{names[k]}: {hover[names[k]]}" for k in np.flatnonzero(mine).tolist()], hoverinfo="text",
             )
         )  # fmt: skip
     figure.update_xaxes(title_text="distance", showgrid=False)

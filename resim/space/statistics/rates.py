@@ -32,7 +32,7 @@ class IntervalEstimate:
 
     def overlaps(self, other: IntervalEstimate) -> bool:
         """Say whether both intervals have a number in common."""
-        return self.low <= other.high and other.low <= self.high
+        return bool(self.low <= other.high and other.low <= self.high)
 
 
 UNKNOWN = IntervalEstimate(np.nan, np.nan, np.nan)
