@@ -65,7 +65,8 @@ def story(hours: float, out: Path) -> None:
         may_end=(0, 1),
     )
     resim("mine", *folders(out / "people"), "--out", out / "mined", "--scenarios", "rows")
-    resim("mine", *folders(out / "drives"), "--out", out / "mined_drives", "--scenarios", "recordings", "--own-ego",
+    resim("mine", *folders(out / "drives"), "--out", out / "mined_drives", "--scenarios", "recordings",
+          "--around", "surroundings",
           "--accept", "OVERLAP")  # fmt: skip
     resim("space", "build", out / "mined", "--out", out / "space_people")
     space = out / "space"

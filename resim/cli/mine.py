@@ -40,21 +40,14 @@ def mine(
         str | None,
         typer.Option(
             metavar="WHAT",
-            help="Cut out the moments of each recording's own EGO: peaks of a measure (risk, TTC, ...), "
-            "its decisions (decision), or its maneuvers of a label.",
+            help="Cut out the moments of each recording's own EGO: what others do around it (surroundings), peaks of a "
+            "measure (risk, TTC, ...), its decisions (decision), or its maneuvers of a label.",
         ),
     ] = None,
     scenarios: Annotated[
         WrittenScenarios,
         typer.Option(help="What is written of each scenario, beside its row in scenarios.parquet."),
     ] = WrittenScenarios.fitted,
-    own_ego: Annotated[
-        bool,
-        typer.Option(
-            "--own-ego",
-            help="Take the recordings' own EGOs alone, as of test drives.",
-        ),
-    ] = False,
     accept: Accept = None,
 ) -> None:
     """Find maneuvers in recordings, and cut the scenarios out, as recordings and JSCEN files.
@@ -66,7 +59,7 @@ def mine(
     from resim.jobs import mine as job
 
     write, fit = scenarios != WrittenScenarios.rows, scenarios == WrittenScenarios.fitted
-    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, resume=True, own_ego=own_ego)
+    options = job.MineOptions(labels, around, tuple(accept or ()), write, fit, resume=True)
     found = job.mine(recordings, out, options, heard=_tell)
     _print(found)
     say(f"{out}: mined.html, maneuvers.parquet, scenarios.parquet")

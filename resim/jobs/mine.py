@@ -29,8 +29,8 @@ from resim.report.notebook import notebook_html
 from resim.results import explain_os_errors, locked, merge_parquet, write_json
 
 TABLES = ("maneuvers", "scenarios", "slots")
-OWN = "own EGO"
-"""Names the extraction of the scenarios of each recording's own EGO."""
+SURROUNDINGS = "surroundings"
+"""Asks for the scenarios of extraction, of each recording's own EGO alone."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,13 @@ class MineOptions:
 
     Attributes:
         labels: File of thresholds and own labels; None for what ships.
-        around: Which moments of each recording's own EGO are cut out in place of extraction: a measure, a label, or
-            `decision`, with the windows of the thresholds; or options of one's own.
+        around: Which moments of each recording's own EGO are cut out in place of extraction: a measure, a label,
+            `surroundings` for what extraction gives of this EGO alone, or `decision`, with the windows of the
+            thresholds; or options of one's own.
         accept: Codes of findings to continue despite.
         write: Whether scenarios are written as recordings.
         fit: Whether they are fitted and written as JSCEN files.
         resume: Whether the folder may hold an earlier study, of which all is kept that is as it would be.
-        own_ego: Whether each recording's own EGO alone is the EGO of scenarios, as of test drives; else every
-        vehicle is.
     """
 
     labels: Path | None = None
@@ -55,7 +54,6 @@ class MineOptions:
     write: bool = True
     fit: bool = True
     resume: bool = False
-    own_ego: bool = False
 
 
 @dataclass(frozen=True)
@@ -156,8 +154,10 @@ def read_mined(folder: str | Path) -> MiningResult:
 
 def _study(options: MineOptions) -> StudyOptions:
     rules = read_rules(options.labels)
-    scenarios = (OWN, own_extraction(rules)) if options.own_ego else None
-    if options.around is not None:
+    scenarios = None
+    if options.around == SURROUNDINGS:
+        scenarios = SURROUNDINGS, own_extraction(rules)
+    elif options.around is not None:
         asked = options.around
         if isinstance(asked, str):
             asked = AroundOptions(asked, **rules.settings.around.model_dump())
@@ -212,7 +212,7 @@ def _finish(
 
 def _trigger(study: StudyOptions) -> list[str]:
     """For what scenarios are cut out."""
-    if study.scenarios is None or study.scenarios[0] == OWN:
+    if study.scenarios is None or study.scenarios[0] == SURROUNDINGS:
         return [*study.rules.settings.extraction.trigger]
     return [study.scenarios[0]]
 

@@ -75,16 +75,12 @@ class PairDistances:
             traces.first, np.where(held, traces.offset, kernel.AWAY), np.where(held, traces.speed, 0.0), traces.lane,
             traces.bend,
         )  # fmt: skip
-        # fmt: off
-        self._how: tuple[Any, ...] = (
-            kernel.SceneWeights(
-                LONGEST, VACANT, options.speed + options.lane + options.bend > 0.0, options.speed, FULL_SPEED,
-                options.lane, options.bend, FULL_BEND,
-            ),
-            options.warp * RATE if options.warp >= 0.0 else -1.0,
-            options.unequal,
+        more = options.speed + options.lane + options.bend > 0.0
+        weights = kernel.SceneWeights(
+            LONGEST, VACANT, more, options.speed, FULL_SPEED, options.lane, options.bend, FULL_BEND
         )
-        # fmt: on
+        window = options.warp * RATE if options.warp >= 0.0 else -1.0
+        self._how = kernel.PairMeasure(weights, window, options.unequal)
 
     def condensed(self) -> Floats:
         """Give the distances of all pairs (N (N - 1) / 2,), row by row of the upper triangle, as scipy has them."""
@@ -94,7 +90,7 @@ class PairDistances:
         def fill(low: int) -> None:
             high = min(low + ROWS, n)
             begin, end = (a * n - a * (a + 1) // 2 for a in (low, high))
-            self._kernel.triangle(self._samples, *self._how, (low, high), out[begin:end])
+            self._kernel.triangle(self._samples, self._how, (low, high), out[begin:end])
 
         self._each(fill, range(0, n, ROWS))
         return out
@@ -106,7 +102,7 @@ class PairDistances:
 
         def fill(low: int) -> None:
             part = slice(low, low + ROWS)
-            self._kernel.between(self._samples, ones[part], others, *self._how, out[part])
+            self._kernel.between(self._samples, ones[part], others, self._how, out[part])
 
         self._each(fill, range(0, len(ones), ROWS))
         return out

@@ -47,6 +47,16 @@ class SceneWeights(NamedTuple):
     full_bend: float
 
 
+class PairMeasure(NamedTuple):
+    """weights: of a scene; window: scenes by which an alignment in time may be off, below 0 for none; unequal: what a
+    difference in length costs, by the share that the longer scenario has alone.
+    """
+
+    weights: SceneWeights
+    window: float
+    unequal: float
+
+
 @compiled
 def slots(of, i, j, count, weights):
     """Give the sum of the slot distances of `count` scenes from i and from j on (Wagner 2021, 6.2.3.1 and 6.2.3.2).
@@ -127,35 +137,34 @@ def warped(of, a, b, weights, window, row):
 
 
 @compiled
-def pair(of, a, b, weights, window, unequal, row):
-    """Give the distance of two scenarios. window: of an alignment in time, below 0 for none; unequal: what a difference
-    in length costs, by the share that the longer one has alone.
-    """
+def pair(of, a, b, how, row):
+    """Give the distance of two scenarios. row: scratch (2, M + 1)."""
     n, m = of.first[a + 1] - of.first[a], of.first[b + 1] - of.first[b]
-    found = (
-        common(of, a, b, weights) if window < 0.0 else warped(of, a, b, weights, max(window, abs(n - m)), row)
-    )
-    return found + unequal * abs(n - m) / max(n, m)
+    if how.window < 0.0:
+        found = common(of, a, b, how.weights)
+    else:
+        found = warped(of, a, b, how.weights, max(how.window, abs(n - m)), row)
+    return found + how.unequal * abs(n - m) / max(n, m)
 
 
 @compiled
-def triangle(of, weights, window, unequal, ends, out):
+def triangle(of, how, ends, out):
     """Fill out with the distances of scenarios a from ends[0] to ends[1] to all later ones, row by row."""
     count, k = len(of.first) - 1, 0
     row = np.empty((2, longest(of) + 1))
     for a in range(ends[0], ends[1]):
         for b in range(a + 1, count):
-            out[k] = pair(of, a, b, weights, window, unequal, row)
+            out[k] = pair(of, a, b, how, row)
             k += 1
 
 
 @compiled
-def between(of, ones, others, weights, window, unequal, out):
+def between(of, ones, others, how, out):
     """Fill out (A, B) with the distances of scenarios ones (A,) to others (B,)."""
     row = np.empty((2, longest(of) + 1))
     for n in range(len(ones)):
         for m in range(len(others)):
-            out[n, m] = pair(of, ones[n], others[m], weights, window, unequal, row)
+            out[n, m] = pair(of, ones[n], others[m], how, row)
 
 
 @compiled

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from resim.core.spec import EXACT, NumberOrNan
 from resim.space.settings import SpaceSettings
 from resim.space.statistics.rates import IntervalEstimate
-from resim.space.statistics.unseen import HeldOutCheck, KindCount
+from resim.space.statistics.unseen import HeldOutCheck, KindsBound
 
 MARK = "space.json"
 
@@ -122,7 +122,7 @@ class CoverageEntry:
         curve: What was found, over what was driven.
     """
 
-    kinds: KindCount
+    kinds: KindsBound
     discovery_per_hour: IntervalEstimate
     discovery_per_kilometre: IntervalEstimate
     convergence: ConvergenceEntry

@@ -132,7 +132,9 @@ def test_several_egos_of_one_lane_change_are_one_occasion(mined: list[Path]) -> 
 
 def test_own_egos_alone(tmp_path: Path, mined: list[Path]) -> None:
     folder = mined[0].parent / "r1"
-    found = mine([folder], tmp_path / "own", MineOptions(write=False, own_ego=True, accept=("OVERLAP",)))
+    found = mine(
+        [folder], tmp_path / "own", MineOptions(write=False, around="surroundings", accept=("OVERLAP",))
+    )
     assert found.report.egos == "own"
     assert set(found.scenarios["ego"]) <= {found.report.parts[0].ego}
     source = job.read_mined(tmp_path / "own")

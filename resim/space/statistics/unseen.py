@@ -18,7 +18,7 @@ from resim.space.traces import Ints
 
 
 @dataclass(frozen=True)
-class KindCount:
+class KindsBound:
     """How many kinds there are at least, by Chao's lower bound: there may be many more, which no data can tell.
 
     Attributes:
@@ -52,14 +52,14 @@ def unseen_share(counts: Ints, spread: float = 1.0, confidence: float = CONFIDEN
     return IntervalEstimate(f1 / n, max(low, 0.0), min(high, 1.0), confidence)
 
 
-def kinds_at_least(counts: Ints) -> KindCount:
+def kinds_at_least(counts: Ints) -> KindsBound:
     """Give Chao's lower bound of the number of kinds, bias-corrected, from how often each was seen (C,).
 
     The interval is the log-normal one of Chao 1987, with the variance of Chao and Shen 2010; it is of the bound.
     """
     seen, n = int((counts > 0).sum()), float(counts.sum())
     if n == 0.0:
-        return KindCount(0, 0.0, np.inf)
+        return KindsBound(0, 0.0, np.inf)
     f1, f2 = float((counts == 1).sum()), float((counts == 2).sum())
     factor = (n - 1.0) / n
     if f2 > 0.0:
@@ -72,9 +72,9 @@ def kinds_at_least(counts: Ints) -> KindCount:
         variance = max(variance - factor**2 * f1**4 / (4.0 * whole), 0.0)
     # of none that are expected to be missing the 95 % limit of the missing ones is that of no event
     if more <= 0.0:
-        return KindCount(seen, float(seen), seen + float(poisson_limits(max(f1, 0.0))[1]))
+        return KindsBound(seen, float(seen), seen + float(poisson_limits(max(f1, 0.0))[1]))
     spread = np.exp(1.96 * np.sqrt(np.log1p(variance / more**2)))
-    return KindCount(seen, seen + more, seen + more * float(spread))
+    return KindsBound(seen, seen + more, seen + more * float(spread))
 
 
 def more_needed(counts: Ints, limit: float, confidence: float = CONFIDENCE) -> float:
