@@ -6,13 +6,14 @@ import math
 import os
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
+from resim.core.files import relative
 from resim.mining.extraction import window_of
 from resim.mining.features import features
 from resim.mining.slots import map_folder, slot_frame, slot_traces
@@ -74,7 +75,7 @@ def _of_sweep(folder: Path, swept: SweepResult) -> Simulated:
         SimulatedRun(
             f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
             _number(row["risk"]), _flag(row["collision"]), words, str(row.get(TRUST) or INSIDE),
-            repeat=f"resim sweep repeat {shlex.quote(str(folder))} {row['run']} --out out/repeated",
+            repeat=f"resim sweep repeat {_shown(folder)} {row['run']} --out out/repeated",
         )
         for row in swept.rows.to_dict("records")
     ]  # fmt: skip
@@ -97,28 +98,31 @@ def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
         recording = read_recording(path)
         own = recording.build == inputs.build.label and recording.build_hash in (None, build)
         drives.append(TestDrive(key, one.name, build, perception, one.verdict, own))
-        runs += _runs(folder, one, key, (build, perception))
+        repeat = (
+            f"resim run {_shown(path)} --build {_shown(_path(folder, inputs.build.path))} --out out/repeated"
+        )
+        runs += _runs(folder, one, SimulatedRun("", key, build, perception, math.nan, None, repeat=repeat))
     return Simulated(tuple(runs), tuple(drives), paths, inputs.build.label, build, perception)
 
 
-def _runs(folder: Path, one: VerifiedRecording, key: str, of: tuple[str, str]) -> Iterator[SimulatedRun]:
-    """The runs that a verification judged a recording by."""
-    repeat = f"resim run {shlex.quote(one.folder)}"
+def _runs(folder: Path, one: VerifiedRecording, run: SimulatedRun) -> Iterator[SimulatedRun]:
+    """The runs that a verification judged a recording by. run: what they have in common."""
+    name = f"{folder.name}:{one.name}"
     if one.way == MODEL:
         risks = one.risk.each().get(MODEL, ())
         for seed, risk in zip(one.seeds, risks, strict=True):
-            failed = bool(seed.failure)
-            yield SimulatedRun(
-                f"{folder.name}:{one.name}:{seed.seed}", key, *of, math.nan if failed or risk is None else risk,
-                None if failed else seed.end == "collision", repeat=f"{repeat} --seed {seed.seed}",
-            )  # fmt: skip
+            known = math.nan if seed.failure or risk is None else risk
+            collided = None if seed.failure else seed.end == "collision"
+            yield replace(run, name=f"{name}:{seed.seed}", risk=known, collided=collided)
         return
     risk = one.risk.each().get(one.way, (None,))[0]
     whole = one.verdict == "verified"  # it ends as the drive did; of another nobody says how
-    yield SimulatedRun(
-        f"{folder.name}:{one.name}", key, *of, math.nan if risk is None else risk,
-        False if whole else None, repeat=repeat,
-    )  # fmt: skip
+    yield replace(run, name=name, risk=math.nan if risk is None else risk, collided=False if whole else None)
+
+
+def _shown(path: Path) -> str:
+    """A path as a shell takes it, from where commands run."""
+    return shlex.quote(relative(path, Path.cwd()))
 
 
 def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:

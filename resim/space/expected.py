@@ -56,8 +56,8 @@ class ExposedScenarios:
 class AccidentTerms(NamedTuple):
     """Accidents by hour or kilometre.
 
-    value: of clusters whose risk is known, estimated; low: their lower limit; high: upper limit of all; known, thin and
-    unseen: upper limits of clusters whose risk is known, of others, and of kinds not seen.
+    value: of clusters whose risk is known, estimated, NaN of none; low: their lower limit; high: upper limit of all;
+    known, thin and unseen: upper limits of clusters whose risk is known, of others, and of kinds not seen.
     """
 
     value: float
@@ -101,6 +101,8 @@ def expected_accidents(
     mean, low, high = (np.array([one[k] for one in risks], dtype=float) for k in range(3))
     value = float((np.bincount(exposed.kind, minlength=exposed.clusters)[known] * mean[known]).sum()) / driven
     of = exposed.kind
+    if not known.any():
+        value = np.nan
     least = _lower(_per_occasion(exposed, np.where(known, low, 0.0)[of]), driven, alpha)
     parts = [
         _upper(_per_occasion(exposed, weights[of]), float(weights.max(initial=0.0)), driven, alpha)

@@ -48,13 +48,19 @@ def _checks(checks: tuple[ReleaseCheck, ...]) -> Markup:
 
 def _budgets(budgets: tuple[AccidentBudget, ...]) -> Markup:
     rows = [
-        [one.per, f"{number(one.known.value)}, at most {number(one.known.high)}", f"at most {number(one.thin)}",
+        [one.per, _known(one), f"at most {number(one.thin)}",
          f"at most {number(one.unseen)}", f"at most {number(one.high)}", number(one.limit)]
         for one in budgets
     ]  # fmt: skip
     heads = ["by", "clusters with known risk", "clusters without (each scenario an accident)",
              "kinds not seen (each scenario an accident)", "all", "limit"]  # fmt: skip
     return table(heads, rows)
+
+
+def _known(one: AccidentBudget) -> str:
+    if not np.isfinite(one.known.value):
+        return "none"
+    return f"{number(one.known.value)}, at most {number(one.known.high)}"
 
 
 def _forbidding(found: ReleaseReport) -> Markup:

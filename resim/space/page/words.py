@@ -10,10 +10,15 @@ from resim.report.document import document
 from resim.report.markup import Markup, html, join
 from resim.space.statistics.rates import IntervalEstimate
 
+LEAST = 1e-15
+"""Numbers that are told as 0 below."""
+
 
 def number(value: float, digits: int = 3) -> str:
     """Give a number with so many significant digits, a dash for none."""
-    return "–" if not math.isfinite(value) else f"{value:.{digits}g}"
+    if not math.isfinite(value):
+        return "–"
+    return "0" if abs(value) < LEAST else f"{value:.{digits}g}"
 
 
 def interval(one: IntervalEstimate, scale: float = 1.0, unit: str = "") -> str:
