@@ -101,6 +101,8 @@ def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
         repeat = (
             f"resim run {_shown(path)} --build {_shown(_path(folder, inputs.build.path))} --out out/repeated"
         )
+        if inputs.perception is not None:
+            repeat += f" --perception {_shown(_path(folder, inputs.perception.path))} --seeds 1"
         runs += _runs(folder, one, SimulatedRun("", key, build, perception, math.nan, None, repeat=repeat))
     return Simulated(tuple(runs), tuple(drives), paths, inputs.build.label, build, perception)
 
@@ -113,7 +115,8 @@ def _runs(folder: Path, one: VerifiedRecording, run: SimulatedRun) -> Iterator[S
         for seed, risk in zip(one.seeds, risks, strict=True):
             known = math.nan if seed.failure or risk is None else risk
             collided = None if seed.failure else seed.end == "collision"
-            yield replace(run, name=f"{name}:{seed.seed}", risk=known, collided=collided)
+            repeat = f"{run.repeat} --seed {seed.seed}"
+            yield replace(run, name=f"{name}:{seed.seed}", risk=known, collided=collided, repeat=repeat)
         return
     risk = one.risk.each().get(one.way, (None,))[0]
     whole = one.verdict == "verified"  # it ends as the drive did; of another nobody says how

@@ -169,7 +169,8 @@ def cluster_map(
         marker: dict[str, object] = {"size": scale[mine], "line": {"color": "white", "width": 0.8}}
         if known:
             marker |= {"color": risk[mine], "colorscale": "YlOrRd", "reversescale": True, "cmin": 0.0,
-                       "showscale": True, "cmax": max(float(risk[mine].max()), 1e-6), "colorbar": {"title": {"text": "risk"}}}  # fmt: skip
+                       "showscale": True, "cmax": max(float(risk[mine].max()), 1e-6),
+                       "colorbar": {"title": {"text": "risk"}}}  # fmt: skip
         else:
             marker["color"] = "#b4bcc5"
         figure.add_trace(
