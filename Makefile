@@ -52,6 +52,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,mining_town,validate_mining.py town --hours 0.2)
 	$(call validated,mining_damaged,validate_mining.py damaged --hours 0.1 --seed 3)
 	$(call validated,mining_augmented,validate_mining.py augmented --count 10)
+	$(call validated,space,validate_space.py)
 	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
 	$(call validated,real_recordings,check_real.py $(DATA))
 	$(call validated,real_fits,validate_real.py fits $(DATA))
@@ -74,6 +75,7 @@ bench: $(READY)
 	$(BIN)/python tools/bench/sweep.py
 	$(BIN)/python tools/bench/function.py
 	$(BIN)/python tools/bench/vary.py
+	$(BIN)/python tools/bench/space.py
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \

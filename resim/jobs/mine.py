@@ -27,7 +27,7 @@ from resim.mining.maneuver import label_names
 from resim.mining.own_labels import LIMIT, MiningRules, read_rules, rules_of
 from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
-from resim.mining.study import MinedPart, StudyOptions, mine_into
+from resim.mining.study import MinedPart, StudyOptions, mine_into, own_extraction
 from resim.mining.study_run import finished
 from resim.recordings import read_recording
 from resim.recordings.settings import SETTINGS
@@ -47,7 +47,9 @@ from resim.results import (
 )
 from resim.road.opendrive import load
 
-TABLES = ("maneuvers", "scenarios")
+TABLES = ("maneuvers", "scenarios", "slots")
+SURROUNDINGS = "surroundings"
+"""Asks for the scenarios of extraction, of each recording's own EGO alone."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,9 @@ class MineOptions:
 
     Attributes:
         labels: File of thresholds and own labels; None for what ships.
-        around: Which moments of each recording's own EGO are cut out in place of extraction: a measure, a label, or
-            `decision`, with the windows of the thresholds; or options of one's own.
+        around: Which moments of each recording's own EGO are cut out in place of extraction: a measure, a label,
+            `surroundings` for what extraction gives of this EGO alone, or `decision`, with the windows of the
+            thresholds; or options of one's own.
         accept: Codes of findings to continue despite.
         write: Whether scenarios are written as recordings.
         fit: Whether they are fitted and written as JSCEN files.
@@ -266,7 +269,9 @@ def _study(options: MineOptions) -> StudyOptions:
 
 def _study_of(rules: MiningRules, options: MineOptions) -> StudyOptions:
     scenarios = None
-    if options.around is not None:
+    if options.around == SURROUNDINGS:
+        scenarios = SURROUNDINGS, own_extraction(rules)
+    elif options.around is not None:
         asked = options.around
         if isinstance(asked, str):
             asked = AroundOptions(asked, **rules.settings.around.model_dump())
@@ -305,15 +310,21 @@ def _finish(
         merge_parquet([target / "parts" / part.recording / f"{table}.parquet" for part in parts], beside)
         beside.replace(target / f"{table}.parquet")
     report = MiningReport(
-        versions=versions(), rules=study.rules.hash, labels=[*study.rules.labels],
-        trigger=[*study.rules.settings.extraction.trigger] if study.scenarios is None else [study.scenarios[0]],
-        parts=parts, failures=failures,
+        versions=versions(), rules=study.rules.hash, labels=[*study.rules.labels], trigger=_trigger(study),
+        parts=parts, failures=failures, egos="every" if study.scenarios is None else "own",
         files={name: file_hash(target / name) for name in (f"{table}.parquet" for table in TABLES)},
     )  # fmt: skip
     write_json(sealed(to_json(report)), target / MARK)
     result = MiningResult(target, report)
     write_mined_page(report, result.maneuvers, result.scenarios, target)
     return result
+
+
+def _trigger(study: StudyOptions) -> list[str]:
+    """For what scenarios are cut out."""
+    if study.scenarios is None or study.scenarios[0] == SURROUNDINGS:
+        return [*study.rules.settings.extraction.trigger]
+    return [study.scenarios[0]]
 
 
 def known_labels() -> tuple[str, ...]:

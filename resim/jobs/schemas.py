@@ -27,6 +27,12 @@ from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import BuildFile
 from resim.simulation.naturalistic.settings import NaturalisticSettings
 from resim.simulation.reactive.settings import ReactiveSettings
+from resim.space.comparison import SpaceComparison
+from resim.space.limits import ReleaseLimits
+from resim.space.release import ReleaseReport
+from resim.space.report import SpaceReport
+from resim.space.risk import CoverReport
+from resim.space.settings import SpaceSettings
 from resim.sweeps.manifest import SweepBegun, SweepManifest
 from resim.sweeps.report import SweepReport
 from resim.sweeps.sweep_file import SweepFile
@@ -94,6 +100,12 @@ FORMATS: Mapping[str, FileFormat] = {
     "manifest": FileFormat("manifest.json", SweepManifest, sealed=True),
     "mined": FileFormat("mined.json", MiningReport, sealed=True),
     "sweep_report": FileFormat("report.json", SweepReport),
+    "space_settings": FileFormat("*.toml", SpaceSettings),
+    "release_limits": FileFormat("*.toml", ReleaseLimits),
+    "space": FileFormat("space.json", SpaceReport, sealed=True),
+    "cover": FileFormat("cover.json", CoverReport, sealed=True),
+    "release": FileFormat("release.json", ReleaseReport, sealed=True),
+    "space_comparison": FileFormat("comparison.json", SpaceComparison, sealed=True),
 }
 """By name; report.json of a run is "report", that of a sweep "sweep_report"; assessment.json of a run is
 "run_assessment", that of a recording "assessment"."""

@@ -13,9 +13,9 @@ from pathlib import Path
 import pandas as pd
 
 from resim.core.errors import ResimError
-from resim.core.files import file_hash
 from resim.mining.cutting import NEAR, cut, write_cut, write_described
 from resim.mining.extraction import ExtractedScenario
+from resim.mining.slots import map_folder
 from resim.recordings import Recording, RecordingTables, read_recording
 from resim.road.opendrive import load
 
@@ -117,8 +117,7 @@ def with_fits(frame: pd.DataFrame, out: Path, told: dict[str, str]) -> pd.DataFr
 
 def map_beside(road: Path, out: Path) -> Path:
     """Give the study's copy of a map, made at need: maps of one name and other content are told apart."""
-    digest = file_hash(road)
-    folder = out / "maps" / f"{road.stem}-{digest[:8]}"
+    folder = out / "maps" / map_folder(road)
     copy = folder / road.name
     if not copy.is_file():
         folder.mkdir(parents=True, exist_ok=True)

@@ -40,6 +40,7 @@ from resim.mining.scenario_files import (
     with_fits,
     write_scenarios,
 )
+from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording, read_tables
 from resim.recordings.checked import finding_lines, load_checked
@@ -50,7 +51,7 @@ from resim.road.opendrive import RoadNetwork, load
 
 PART, CUT = "part.json", "cut.json"
 """What says of a part that it is finished, and that its scenarios are cut out but not yet all fitted."""
-PART_TABLES = ("maneuvers", "scenarios", "overview")
+PART_TABLES = ("maneuvers", "scenarios", "overview", "slots")
 WRITTEN_BY, REMEDY = "resim mine", "Mine the recording again."
 SCENARIOS = Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]
 
@@ -75,6 +76,12 @@ class MinedPart:
         egos: How many EGOs have 0, 1, 2, ... scenarios.
         lifetime: Mean life [s] of an EGO.
         files: SHA-256 of its files, by their paths in the study's folder.
+        ego_hours: Hours [h] on lanes of the recording's own EGO.
+        ego_kilometres: Its kilometres [km] on lanes.
+        ego: Its id.
+        build: The build that drove it, None where a person did or nobody says.
+        build_hash: Hash of that build.
+        map: Name of the map, with the beginning of its hash.
     """
 
     recording: str
@@ -92,6 +99,12 @@ class MinedPart:
     egos: tuple[int, ...] = ()
     lifetime: float | None = None
     files: Mapping[str, str] = field(default_factory=dict)
+    ego_hours: float | None = None
+    ego_kilometres: float | None = None
+    ego: str | None = None
+    build: str | None = None
+    build_hash: str | None = None
+    map: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +214,18 @@ class StudyOptions:
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
+def own_extraction(rules: MiningRules) -> SCENARIOS:
+    """Give what extracts the scenarios of each recording's own EGO."""
+
+    def find(
+        recording: Recording, found: Features, maneuvers: Sequence[LabelledManeuver]
+    ) -> list[ExtractedScenario]:
+        row = recording.gt.index(recording.ego)
+        return [one for one in extract(found, maneuvers, rules.settings.extraction) if one.ego == row]
+
+    return find
+
+
 def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> MinedPart:
     """Mine a recording folder under this name into the study's folder, or take what was mined before.
 
@@ -226,6 +251,8 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
     write_parquet(frame, part / "scenarios.parquet")
     write_parquet(overview_frame(mined.features), part / "overview.parquet")
+    slots = slot_frame(mined.names, slot_traces(mined.features, mined.scenarios))
+    write_parquet(slots, part / "slots.parquet")
     return _write_mark(summary(mined, name, folder, (content, key)), part / CUT, out)
 
 
@@ -294,6 +321,7 @@ def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[
     dt = np.where(same & on[1:], np.diff(samples.t), 0.0)
     way = np.where(same & on[1:], np.hypot(np.diff(samples.x), np.diff(samples.y)), 0.0)
     vehicles = samples.kinds(VEHICLES)
+    own = samples.owner[:-1] == samples.tracks.index(mined.recording.ego)
     per_ego = Counter(one.ego for one in mined.scenarios)
     drives = np.isin(samples.tracks.kind, list(VEHICLES)) & samples.tracks.valid.any(axis=1)
     counts = Counter(per_ego.get(int(row), 0) for row in np.flatnonzero(drives))
@@ -307,6 +335,9 @@ def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[
         vehicles_per_ego=_others(first[drives], last[drives]) if drives.any() else None,
         egos=tuple(counts.get(k, 0) for k in range(max(counts, default=-1) + 1)),
         lifetime=float((last - first)[drives].mean()) if drives.any() else None,
+        ego_hours=float(dt[own].sum()) / 3600.0, ego_kilometres=float(way[own].sum()) / 1000.0,
+        ego=mined.recording.ego, build=mined.recording.build, build_hash=mined.recording.build_hash,
+        map=map_folder(mined.recording.map),
     )  # fmt: skip
 
 

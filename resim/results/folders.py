@@ -61,13 +61,19 @@ VARIATIONS = FolderKind("variations.json", re.compile(r"variations\.(json|html)"
 
 MINING = FolderKind(
     "mined.json",
-    re.compile(rf"\.?mined\.(json|html)|\.?(maneuvers|scenarios)\.parquet|{HALF.pattern}"),
+    re.compile(rf"\.?mined\.(json|html)|\.?(maneuvers|scenarios|slots)\.parquet|{HALF.pattern}"),
     deep={
-        "parts": re.compile(r"[^/]+/\.?((part|cut)\.json|(maneuvers|scenarios|overview)\.parquet)"),
+        "parts": re.compile(r"[^/]+/\.?((part|cut)\.json|(maneuvers|scenarios|overview|slots)\.parquet)"),
         "recordings": re.compile(r"[^/]+/(recording\.toml|(gt|sd|plan)\.(csv|parquet))"),
         "maps": re.compile(r"[^/]+/\.?[^/]+\.(xodr|jscen\.json)(\.\d+\.new)?"),
     },
 )
+
+SPACE = FolderKind(
+    "space.json", re.compile(rf"space\.(json|html)|cover\.(json|html)|members\.parquet|{HALF.pattern}")
+)
+RELEASE = FolderKind("release.json", re.compile(r"release\.(json|html)"))
+COMPARISON = FolderKind("comparison.json", re.compile(r"comparison\.(json|html)"))
 
 
 def check_output(folder: Path, kind: FolderKind = RUN, inputs: Iterable[Path] = ()) -> None:
