@@ -61,9 +61,7 @@ def _driven(engine: list[str], port: int, options: list[str], folder: Path) -> l
     try:
         rows.append(("says where it listens", *_listens(engine, container)))
         checked = _call([*RESIM, "function", "check", str(served)])
-        rows.append(
-            ("resim function check", checked.returncode == 0, _count(checked.stdout))
-        )
+        rows.append(("resim function check", checked.returncode == 0, _count(checked.stdout)))
         for build, out in ((served, "container"), (process, "process")):
             _call([*RESIM, "run", str(RECORDING), "--build", str(build), "--out", str(folder / out)])
         same = [

@@ -24,12 +24,13 @@ class UnitLog:
         """Tell a message, of a status of FMI."""
         text = " ".join((message or b"").decode("utf-8", "replace").split())
         name = STATUSES[status] if 0 <= status < len(STATUSES) else f"status {status}"
-        print(f"the unit, {name}: {text}", file=sys.stderr)  # noqa: T201  a process of its own: kept with the run
+        print(f"the unit, {name}: {text}", file=sys.stderr)
         if status and text:
             self.complaint = text
 
     def instantiate(self, unit: Any, version: int) -> None:
-        """Make the instance of a unit of FMI 2 or 3, whose messages are heard. Raises RuntimeError where it makes none."""
+        """Make the instance of a unit of FMI 2 or 3, and hear it. Raises RuntimeError where it makes none."""
+        given: dict[str, Any]
         given = {"callbacks": self._callbacks()} if version == 2 else {"logMessage": self._hear3}
         try:
             unit.instantiate(**given)

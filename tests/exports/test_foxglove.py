@@ -6,7 +6,6 @@ import math
 from fractions import Fraction
 
 import pytest
-from conftest import ROOT
 from hypothesis import HealthCheck, given, settings
 
 from resim.jobs.export import recorded_drive
