@@ -44,6 +44,8 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,openscenario,validate_openscenario.py $(CHECKER)/bin/qc_openscenario $(DATA))
 	$(if $(shell command -v esmini),$(call validated,esmini,validate_esmini.py esmini $(DATA)))
 	$(call validated,exports,validate_exports.py $(OMEGA) $(PEER) $(DATA))
+	$(call validated,drivers,validate_drivers.py)
+	$(call validated,imports,validate_imports.py $(DATA))
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)
 	$(call validated,traffic,validate_traffic.py)

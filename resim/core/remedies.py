@@ -6,8 +6,8 @@ RECORDING = "A recording is a folder with recording.toml, gt.csv and a map."
 DRIVE = "Give a recording, or the folder that `resim run` wrote."
 BUILD = 'A build has name, version, factory = "module:name", files = [...], [parameters].'
 BUILD_TABLES = {
-    "process": '[process] has command = ["./program", ...], or python = "path/to/python" beside factory; see docs/formats/build.md.',
-    "grpc": '[grpc] has address = "host:port"; see docs/formats/build.md.',
+    "process": '[process] has command = ["./program", ...], or python = "path/to/python" beside factory.',
+    "grpc": '[grpc] has address = "host:port", and remote, digest, batches where they are wanted.',
     "fmi": '[fmi] has file = "unit.fmu"; [fmi.inputs] variable = "signal", [fmi.outputs] acceleration = "variable".',
     "recorded": '[recorded] has conversations = "folder", as `resim run --record` writes it.',
 }

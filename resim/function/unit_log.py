@@ -29,7 +29,8 @@ class UnitLog:
             self.complaint = text
 
     def instantiate(self, unit: Any, version: int) -> None:
-        """Make the instance of a unit of FMI 2 or 3, whose messages are heard. Raises RuntimeError where it makes none."""
+        """Make the instance of a unit of FMI 2 or 3, and hear it. Raises RuntimeError where it makes none."""
+        given: dict[str, Any]
         given = {"callbacks": self._callbacks()} if version == 2 else {"logMessage": self._hear3}
         try:
             unit.instantiate(**given)

@@ -56,8 +56,8 @@ class File(BaseModel):
         ({"name": "a", "needed": []}, "needed: expected at least 1 item, found 0"),
         ({"name": "a", "needed": [{"length": 0.0}]}, "needed.0.length: expected more than 0, found 0.0"),
         ({"name": 1, "quiet": []}, "name: expected text, found 1; quiet: expected true or false"),
-        ({"name": "a", "outputs": {"acceleratoin": "x"}}, "outputs: a name is 'acceleratoin', expected 'acceleration' or "
-         "'curvature', did you mean 'acceleration'?"),
+        ({"name": "a", "outputs": {"acceleratoin": "x"}}, "outputs: a name is 'acceleratoin', expected "
+         "'acceleration' or 'curvature', did you mean 'acceleration'?"),
         ([1], "the whole: expected a table"),
     ],
 )  # fmt: skip

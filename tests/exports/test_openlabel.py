@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import DATA, ROOT
+from exports.drives import MAP, assert_same, recordings
 from hypothesis import HealthCheck, given, settings
 
 from resim.core.tracks import Tracks
@@ -18,7 +19,6 @@ from resim.recordings import Recording, read_commonroad, read_recording
 from resim.road.opendrive import load
 
 core = pytest.importorskip("openlabel_checker.core")
-from exports.drives import MAP, assert_same, recordings
 
 TYPES = {
     "VehicleCar": "car", "VehicleTruck": "truck", "VehicleBus": "bus", "VehicleCycle": "bicycle",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -63,3 +64,19 @@ def test_a_driver_follows_as_a_vehicle_of_sumo_with_the_same_model(
     np.testing.assert_allclose(followed(driver, given), gap, rtol=0, atol=1e-9)
     other = replace(driver, time_gap=1.1 * driver.time_gap)
     assert np.abs(followed(other, given) - gap).max() > 0.5
+
+
+def test_it_changes_lanes_where_a_vehicle_of_sumo_does(tmp_path: Path) -> None:
+    """In the first of the scenes of `tools/validate_drivers.py`, of which docs/validation.md has more."""
+    order = [sys.executable, ROOT / "tools" / "validate_drivers.py", "--scenes", "8"]
+    done = subprocess.run(order, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = {
+        (ours, theirs): int(count)
+        for ours, theirs, count in re.findall(
+            r"^\| (changes|stays) \| (changes|stays) \| (\d+) \|", done.stdout, re.M
+        )
+    }
+    assert len(found) == 4
+    assert sum(found.values()) == 8
+    assert found["changes", "changes"] + found["stays", "stays"] >= 7, done.stdout

@@ -138,8 +138,10 @@ class ScenarioPlaces:
         if not self.network.has_lane(road, lane, s):
             raise told.refused(f"names lane {lane} of road {road} at s {s:g} m, which is not there")
         assert reference.spot is not None
-        (x0, y0), (x1, y1) = (self.network.to_xy(road, lane, at, 0.0) for at in (reference.spot[2], s))
-        centre, ahead = self._t(road, reference.spot[2], x0, y0), self._t(road, s, x1, y1)
+        centre, ahead = (
+            self._t(road, at, *(float(c) for c in self.network.to_xy(road, lane, at, 0.0)))
+            for at in (reference.spot[2], s)
+        )
         if abs(ahead - centre) > _SAME:
             raise told.refused(
                 f"is not read: players differ where the lane's distance from the reference line changes, as that of "

@@ -114,7 +114,7 @@ class FmuVariable:
 
 
 def fmu_files(path: Path, fmi: FmiTable) -> list[str]:
-    """Give the unit, as seen from the build file's folder. Raises InputError where it is not there, or FMPy is missing."""
+    """Give the unit, as seen from the build file's folder. Raises InputError without it or FMPy."""
     if importlib.util.find_spec("fmpy") is None:
         raise InputError(path, "[fmi] needs FMPy", "In resim's own folder: pip install '.[fmi]'")
     if fmi.osmp and importlib.util.find_spec("osi3") is None:
