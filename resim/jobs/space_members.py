@@ -54,7 +54,17 @@ class Simulated:
 
 
 def read_simulated(folder: Path) -> Simulated:
-    """Read a folder of `resim sweep` or `resim verify`. Raises InputError where it is neither."""
+    """Read a folder of `resim sweep` or `resim verify`.
+
+    Args:
+        folder: Its path.
+
+    Returns:
+        Its runs, what it verified, and where the recordings are.
+
+    Raises:
+        InputError: It is neither, or of several builds.
+    """
     if (folder / "verification.json").is_file():
         return _of_verification(folder, read_verification(folder / "verification.json"))
     return _of_sweep(folder, read_swept(folder))
@@ -129,8 +139,17 @@ def _shown(path: Path) -> str:
 
 
 def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
-    """Give the slots of all recordings that were simulated, their buckets, and which scenarios of the space they
-    are.
+    """Give the slots of all recordings that were simulated.
+
+    Args:
+        space: The space that they are put into.
+        given: What was simulated.
+
+    Returns:
+        Slots by recording, their buckets, and which scenarios of the space they are.
+
+    Raises:
+        InputError: A recording cannot be read.
     """
     paths: dict[str, Path] = {}
     for one in given:
@@ -169,7 +188,17 @@ def _trace(recording: Recording, key: str) -> tuple[pd.DataFrame, dict[str, obje
 
 
 def one_build(given: Sequence[tuple[Path, Simulated]]) -> Simulated:
-    """Give the one whose build and perception all have. Raises InputError where they differ."""
+    """Give the one whose build and perception all have.
+
+    Args:
+        given: Folders, and what they hold.
+
+    Returns:
+        The first of them.
+
+    Raises:
+        InputError: They are of several builds or perception models.
+    """
     (_, first), *others = given
     for folder, one in others:
         if (one.build, one.perception) != (first.build, first.perception):

@@ -61,9 +61,10 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
     """Compare predicted risk (K,) with collisions (K,), 1 or 0; NaN where either is not known.
 
     A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, so that
-    what is missing never makes it better. Predictions that are too high are on the safe side.
+    what is missing never makes it better; that they are too low is told of known ones alone. Predictions that are
+    too high are on the safe side.
     """
-    unknown = int((np.isnan(predicted) | np.isnan(collided)).sum())
+    unknown = np.isnan(predicted) | np.isnan(collided)
     told, hit = np.nan_to_num(predicted, nan=0.0), np.nan_to_num(collided, nan=1.0)
     where = np.clip(np.searchsorted(EDGES, told, side="right") - 1, 0, len(EDGES) - 2)
     held = np.unique(where).tolist()
@@ -73,8 +74,11 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
         mine = where == k
         found = share(float(hit[mine].sum()), float(mine.sum()), confidence)
         mean = float(told[mine].mean())
-        verdict: Calibrated = "too low" if mean < found.low else "calibrated"
-        if verdict == "calibrated" and mine.sum() < LEAST:
+        verdict: Calibrated = "calibrated"
+        known = mine & ~unknown
+        if known.any() and mean < share(float(hit[known].sum()), float(known.sum()), confidence).low:
+            verdict = "too low"
+        elif mean < found.low or mine.sum() < LEAST:
             verdict = "not shown"
         near = IntervalEstimate(mean, float(told[mine].min()), float(told[mine].max()), 1.0)
         bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
@@ -82,7 +86,7 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
     whole: Calibrated = (
         "too low" if "too low" in every else "not shown" if every != {"calibrated"} else "calibrated"
     )
-    return ReliabilityReport(tuple(bins), whole, len(told), unknown)
+    return ReliabilityReport(tuple(bins), whole, len(told), int(unknown.sum()))
 
 
 def believed(report: ReliabilityReport | None, risk: float) -> bool:

@@ -145,7 +145,7 @@ def _own_reason(run: SimulatedRun) -> str:
         return f"it is not what was verified: {run.changed}"
     if run.trust != INSIDE:
         return f"its variation lies {run.trust} of what was verified" if run.trust == "outside" else (
-            "nobody knows whether its variation lies within what was verified"
+            "it is unknown whether its variation lies within what was verified"
         )  # fmt: skip
     return ""
 

@@ -50,7 +50,7 @@ def test_a_run_near_a_verified_test_drive_counts(space: Space) -> None:
         ([DRIVE], RUN, known(drive=KINDS[3]), "the nearest verified test drive is"),
         ([DRIVE], replace(RUN, changed="perception.latency.speed is swept"), known(), "it is not what was verified"),
         ([DRIVE], replace(RUN, trust="outside"), known(), "its variation lies outside"),
-        ([DRIVE], replace(RUN, trust="unknown"), known(), "nobody knows whether its variation"),
+        ([DRIVE], replace(RUN, trust="unknown"), known(), "it is unknown whether its variation"),
         ([DRIVE], replace(RUN, recording="elsewhere"), known(), "its slots are not known"),
         ([DRIVE], RUN, known(run="jam", drive="jam"), "is in no cluster"),
     ],

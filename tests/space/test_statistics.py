@@ -168,7 +168,8 @@ def test_predicted_risk_is_calibrated_or_not() -> None:
     assert reliability(predicted[:5], hit[:5] * 0.0).verdict == "not shown"
     assert reliability(np.zeros(0), np.zeros(0)).verdict == "not shown"
     unknown = np.where(rng.random(3000) < 0.5, np.nan, hit)
-    assert reliability(predicted, unknown).verdict == "too low"
+    assert reliability(predicted, unknown).verdict == "not shown"
+    assert reliability(np.zeros(1), np.full(1, np.nan)).verdict == "not shown"
 
 
 def test_how_far_two_distributions_are_apart_is_held() -> None:
