@@ -45,9 +45,7 @@ def blanked(drive: Path, whom: str) -> None:
 
 
 def cut_out(drive: Path, out: Path, around: str | None = None) -> Recording:
-    options = MineOptions(
-        around=around and AroundOptions(around), fit=False, accept=("OVERLAP",)
-    )
+    options = MineOptions(around=around and AroundOptions(around), fit=False, accept=("OVERLAP",))
     found = mine([drive], out, options)
     assert len(found.scenarios) >= 1
     return recording_of(read_tables(out / found.scenarios["folder"].iloc[0]), lenient=True)
