@@ -78,7 +78,7 @@ def augment(
     file = path_of(settings) if settings is not None else shipped_augmentation()
     told, origin = read_augmentation(file), load_checked(folder)
     if len(lacking := origin.incomplete.get("gt", ())):
-        problem = f"{len(lacking)} rows lack a value: nobody knows where their objects are, nor would in a variation"
+        problem = f"{len(lacking)} rows lack a value: where their objects are is unknown, and would be in a variation"
         raise InputError(folder, problem, "Repair it with `resim check --fix`.")
     network = load(origin.map)
     known = {(f.code, f.object) for f in examine(read_tables(folder), network)}
