@@ -165,10 +165,11 @@ def _strange(folder: Path, kind: FolderKind, listed: set[str]) -> Iterator[str]:
 
     for path in sorted(folder.iterdir()):
         within, deep = kind.inside.get(path.name), kind.deep.get(path.name, _NONE)
+        is_folder = path.is_dir() and not path.is_symlink()
         holds = path.name in kind.deep or (
-            within is None and any(name.startswith(f"{path.name}/") for name in listed)
+            is_folder and within is None and any(name.startswith(f"{path.name}/") for name in listed)
         )
-        if holds and path.is_dir() and not path.is_symlink():
+        if holds and is_folder:
             for file in sorted(path.rglob("*")):
                 name = file.relative_to(folder).as_posix()
                 known = name in listed or deep.fullmatch(file.relative_to(path).as_posix()) is not None
