@@ -44,6 +44,8 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,openscenario,validate_openscenario.py $(CHECKER)/bin/qc_openscenario $(DATA))
 	$(if $(shell command -v esmini),$(call validated,esmini,validate_esmini.py esmini $(DATA)))
 	$(call validated,exports,validate_exports.py $(OMEGA) $(PEER) $(DATA))
+	$(call validated,drivers,validate_drivers.py)
+	$(call validated,imports,validate_imports.py $(DATA))
 	$(call validated,recovery,validate_recovery.py)
 	$(call validated,perception,validate_perception.py $(DATA)/mcity)
 	$(call validated,traffic,validate_traffic.py)
@@ -52,6 +54,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,mining_town,validate_mining.py town --hours 0.2)
 	$(call validated,mining_damaged,validate_mining.py damaged --hours 0.1 --seed 3)
 	$(call validated,mining_augmented,validate_mining.py augmented --count 10)
+	$(call validated,space,validate_space.py)
 	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
 	$(call validated,real_recordings,check_real.py $(DATA))
 	$(call validated,real_fits,validate_real.py fits $(DATA))
@@ -61,6 +64,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,training_fit,validate_training.py fit --seeds 6)
 	$(call validated,plants,plant_faults.py 1280 --seed 5 --fix)
 	$(call validated,sweep,validate_sweep.py)
+	$(call validated,locality,validate_locality.py)
 	$(BIN)/pytest -m slow > out/validate/slow_tests.txt
 	-$(BIN)/resim verify scenarios/suites/highway.toml --build adfunc/builds/highway_pilot-1.0.toml \
 	  --perception adfunc/perception/proving_ground.json --out out/validate/highway > out/validate/highway.md
@@ -72,6 +76,8 @@ bench: $(READY)
 	$(BIN)/python tools/bench/risk.py
 	$(BIN)/python tools/bench/sweep.py
 	$(BIN)/python tools/bench/function.py
+	$(BIN)/python tools/bench/vary.py
+	$(BIN)/python tools/bench/space.py
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \

@@ -12,16 +12,19 @@ from typing import Any
 
 import resim.core.errors
 import resim.core.tracks
+import resim.gym
 import resim.jobs.assess
 import resim.jobs.augment
 import resim.jobs.check
 import resim.jobs.convert
 import resim.jobs.generate
+import resim.jobs.kernels
 import resim.jobs.play
 import resim.jobs.resimulate
 import resim.jobs.sweep
 import resim.jobs.traffic
 import resim.jobs.train
+import resim.jobs.vary
 import resim.jobs.verify
 import resim.metrics.measures
 import resim.metrics.risk
@@ -48,11 +51,14 @@ API = {
     "Generate": resim.jobs.generate,
     "Traffic": resim.jobs.traffic,
     "Augment": resim.jobs.augment,
+    "Vary": resim.jobs.vary,
+    "Train maneuver kernels": resim.jobs.kernels,
     "Check and convert maps": resim.jobs.convert,
     "Re-simulation": resim.resimulation,
     "Cases and simulated drives": resim.simulation.case,
     "AD functions": resim.simulation.function.interface,
     "AD functions in batches": resim.simulation.function.batch,
+    "Agents that learn": resim.gym,
     "Recordings": resim.recordings,
     "Tracks": resim.core.tracks,
     "Scenarios": resim.scenario.scenario,
@@ -70,6 +76,7 @@ API = {
 IN_FULL: tuple[Any, ...] = (
     resim.simulation.function.interface,
     resim.simulation.function.batch,
+    resim.gym,
     resim.road.driven_route.Route,
     resim.road.path,
     resim.road.opendrive.RoadNetwork,

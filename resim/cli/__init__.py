@@ -25,10 +25,12 @@ from resim.cli import (
     prediction,
     run,
     runs,
+    space,
     suite,
     sweep,
     sweep_report,
     traffic,
+    vary,
     verify,
 )
 from resim.cli.app import app, main
@@ -51,9 +53,11 @@ __all__ = [
     "prediction",
     "run",
     "runs",
+    "space",
     "suite",
     "sweep",
     "sweep_report",
     "traffic",
+    "vary",
     "verify",
 ]

@@ -63,6 +63,11 @@ app.add_typer(
 )
 
 
+vary_app = typer.Typer(cls=_FirstByDefault, rich_markup_mode=None)
+app.add_typer(
+    vary_app, name="vary", help="Make neighbours of a measured drive that a human could have driven."
+)
+
 Accept = Annotated[
     list[str] | None,
     typer.Option(

@@ -68,7 +68,11 @@ def _commands() -> MutableMapping[str, Any]:
 
 def guess(
     file: Annotated[
-        Path, typer.Argument(callback=A_SOURCE, help="CSV or Parquet table of the ground truth.")
+        Path,
+        typer.Argument(
+            callback=A_SOURCE,
+            help="CSV or Parquet table of the ground truth, or a log that Autoware recorded.",
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Mapping (TOML) to write.")],
     sensor: Annotated[
@@ -83,7 +87,7 @@ def guess(
 ) -> None:
     """Write a first mapping of a table for `resim import table`, from the data, with the reason of each line.
 
-    Unknown entries are marked FILL IN.
+    Unknown entries are marked FILL IN. Of a log, one whose topics are Autoware's gets the mapping that ships.
     """
     from resim.core.errors import InputError
     from resim.recordings.mapped.guess import fill_ins

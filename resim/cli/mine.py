@@ -42,8 +42,8 @@ def mine(
         str | None,
         typer.Option(
             metavar="WHAT",
-            help="Cut out the moments of each recording's own EGO: peaks of a measure (risk, TTC, ...), "
-            "its decisions (decision), or its maneuvers of a label.",
+            help="Cut out the moments of each recording's own EGO: what others do around it (surroundings), peaks of a "
+            "measure (risk, TTC, ...), its decisions (decision), or its maneuvers of a label.",
         ),
     ] = None,
     scenarios: Annotated[

@@ -18,7 +18,8 @@ def play(
     drives: Annotated[
         list[Path],
         typer.Argument(
-            metavar="DRIVE...", help="Recording folders, folders that `resim run` wrote, or JSCEN files."
+            metavar="DRIVE...",
+            help="Recording folders, folders that `resim run` or `resim vary` wrote, or JSCEN files.",
         ),
     ],
     out: Annotated[

@@ -32,18 +32,18 @@ def report(
     from resim.core.spec import to_json
     from resim.jobs.sweep import report_sweep
     from resim.sweeps.page import boundary_lines, demanded_of, engine_line, overview_line, requirement_lines
-    from resim.sweeps.report import traffic_notes
+    from resim.sweeps.report import traffic_notes, variation_notes
 
     page = folder / "report.html" if out is None else out
     found = report_sweep(folder, page)
     add_to_json(page=page, report=to_json(found))
     say(f"engine: {engine_line(found)}")
-    for note in (*found.unpinned, *traffic_notes(found)):
+    for note in (*found.unpinned, *traffic_notes(found), *variation_notes(found)):
         say(f"note: {note}")
     for section in found.sections:
         say(f"{section.recording}, {section.build}: {overview_line(section)}")
         told = (
-            requirement_lines(section, found.parameters, demanded_of(found))
+            requirement_lines(section, found.parameters, demanded_of(found), variation_notes(found))
             if section.boundary is MISSING
             else boundary_lines(section.boundary, found.parameters)
         )

@@ -14,6 +14,10 @@ Finite = Annotated[float, Field(strict=True)]
 _MOST_DRAWS = 1000
 
 
+MOST_SPREAD = 100.0
+"""Standard deviation of a lognormal number over its mean, at most: beyond it one draw makes the mean."""
+
+
 class RandomNumber(Strict):
     """A number that differs from one to the next.
 
@@ -44,6 +48,10 @@ class RandomNumber(Strict):
             raise ValueError("mean: is missing")
         if self.kind == "lognormal" and self.mean <= 0.0:
             raise ValueError(f"mean: expected more than 0 of a lognormal distribution, found {self.mean:g}")
+        if self.kind == "lognormal" and self.sd > MOST_SPREAD * self.mean:
+            raise ValueError(
+                f"sd: expected at most {MOST_SPREAD:g} times the mean of a lognormal, found {self.sd:g}"
+            )
         reach = 4.0 * self.sd
         if (low is not None and self.mean + reach < low) or (high is not None and self.mean - reach > high):
             raise ValueError(

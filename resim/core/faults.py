@@ -49,8 +49,14 @@ def describe(faults: Iterable[ErrorDetails], kind: Callable[..., object]) -> str
     return "; ".join(_said(fault, kind) for fault, drop in zip(found, follow, strict=True) if not drop)
 
 
+_KEY = "[key]"
+"""Last part of a place that is the name of an entry, not its value."""
+
+
 def _said(fault: ErrorDetails, kind: Callable[..., object]) -> str:
-    where = ".".join(map(str, fault["loc"])) or "the whole"
+    loc = fault["loc"]
+    is_name = len(loc) > 1 and loc[-1] == _KEY
+    where = ".".join(map(str, loc[:-2] if is_name else loc)) or "the whole"
     if fault["type"] == "missing":
         return f"{where}: is missing"
     if fault["type"] == "extra_forbidden":
@@ -62,7 +68,10 @@ def _said(fault: ErrorDetails, kind: Callable[..., object]) -> str:
         said = pattern.sub(words, said)
     told = isinstance(found, str | int | float) and ", found " not in said
     meant = did_you_mean(str(found), _CHOICE.findall(said)) if fault["type"] in _CHOICES else ""
-    return f"{where}: {said}" + (f", found {found!r:.60}" if told else "") + meant
+    said = (
+        f"a name is {found!r:.60}, {said}" if is_name else said + (f", found {found!r:.60}" if told else "")
+    )
+    return f"{where}: {said}{meant}"
 
 
 @cache

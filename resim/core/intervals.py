@@ -47,14 +47,14 @@ def wilson(count: ArrayLike, of: ArrayLike) -> tuple[Floats, Floats]:
     return np.where(p == 0.0, 0.0, centre - half), np.where(p == 1.0, 1.0, centre + half)
 
 
-def exact(share: ArrayLike, of: ArrayLike) -> tuple[Floats, Floats]:
-    """Give the 95 % interval (low, high) of a share seen in `of`, arrays, that holds its level whatever the true share.
+def exact(share: ArrayLike, of: ArrayLike, *, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
+    """Give the interval (low, high) of a share seen in `of`, arrays, that holds its level whatever the true share.
 
     C. J. Clopper and E. S. Pearson, The use of confidence or fiducial limits, Biometrika 26 (1934), continued to
     fractions by the beta distribution; NaN where `of` is 0.
     """
     n = np.where(np.asarray(of) > 0, of, np.nan).astype(float)
-    c, tail = np.asarray(share, dtype=float) * n, 0.5 - 0.5 * CONFIDENCE
+    c, tail = np.asarray(share, dtype=float) * n, 0.5 - 0.5 * confidence
     with np.errstate(invalid="ignore"):
         low = betaincinv(np.maximum(c, 1e-12), n - c + 1.0, tail)
         high = betaincinv(c + 1.0, np.maximum(n - c, 1e-12), 1.0 - tail)

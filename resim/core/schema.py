@@ -39,7 +39,11 @@ RUN = "run"
 DRAWN_COLUMNS = ("recording", "build", "seed")
 """Columns of the table of a sweep: what a run is of, besides the values of its parameters."""
 
-TEXT_OUTCOMES = ("end", "failure", "decision", "case", "unpinned")
+VARIED_DISTANCE, VARIED_TRUST = "variation_distance", "variation_trust"
+"""Columns of the table of a sweep whose runs are of variations: how far each is from its origin, and whether it lies
+within what was verified."""
+
+TEXT_OUTCOMES = ("end", "failure", "decision", "case", "unpinned", VARIED_TRUST)
 """Columns of the table of a sweep that hold text, besides outcomes of criteria and their units."""
 
 Cell = str | bool | float | None

@@ -110,8 +110,13 @@ File = TypeVar("File", bound=Strict)
 
 def read_strict(path: Path, kind: type[File], example: str) -> File:
     """Read a TOML file of this kind. Raises InputError naming every fault; example: where one is to be seen."""
+    return strict_of(read_file(path, example), path, kind, example)
+
+
+def strict_of(raw: bytes, path: Path, kind: type[File], example: str) -> File:
+    """Give what the bytes of a TOML file of this kind say, as `read_strict`."""
     try:
-        return kind.model_validate(parse_toml(read_file(path, example), path, example))
+        return kind.model_validate(parse_toml(raw, path, example))
     except ValidationError as e:
         raise InputError(path, faults.describe(e.errors(), kind), example) from e
 

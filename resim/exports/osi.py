@@ -86,7 +86,8 @@ def sensor_data(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedM
     by its own rows; what was perceived in a simulated drive is seen from where the EGO is there. Else objects are as
     seen from where the first source has the EGO; a list at a time at which none has it is left out.
     """
-    known, host = numbers(drive), _Host(drive, layer.name.removeprefix("perceived "))
+    of_sd = layer.name == "SD"
+    known, host = numbers(drive), _Host(drive, "" if of_sd else layer.name.removeprefix("perceived "))
     true = set(drive.layers[0].tracks.ids.tolist())
     for t, everyone in states(layer, drive.network):
         said = next((one for one in everyone if one.id == drive.ego), None)
@@ -99,7 +100,7 @@ def sensor_data(layer: Layer, drive: PlayedDrive, first: int) -> Iterator[TimedM
         told.sensor_id.value = 1
         told.mounting_position.position.SetInParent()
         told.mounting_position.orientation.SetInParent()
-        if said or layer.name != "SD":
+        if said or not of_sd:
             _set_base(told.host_vehicle_location, own)
         told.moving_object_header.data_qualifier = DetectedEntityHeader.DATA_QUALIFIER_AVAILABLE
         for one in everyone:
@@ -120,9 +121,7 @@ class _Host:
             self.back = REAR_AXLE * float(true.length[true.index(drive.ego)])
         self._at: list[tuple[float, ExportedState]] = []
         if layer is not None:
-            self._at = [
-                (t, one) for t, every in states(layer, drive.network) for one in every if one.id == drive.ego
-            ]
+            self._at = [(t, one) for t, every in states(layer, drive.network, drive.ego) for one in every]
 
         steps = np.diff([t for t, _ in self._at])
         self._step = float(np.median(steps)) if len(steps) else 0.0

@@ -65,16 +65,15 @@ class ViewedDrive:
         )  # fmt: skip
         rows = [(self.begin, -1, fixed)]
         for number, layer in enumerate(self.drive.layers):
-            for t, everyone in states(layer, self.drive.network):
+            for t, ego in states(layer, self.drive.network, self.drive.ego):
                 now = nanoseconds(t, self.first)
-                for one in everyone:
-                    if one.id == self.drive.ego:
-                        place = fg.Vector3(x=one.x - x, y=one.y - y, z=0.0)
-                        told = fg.FrameTransform(
-                            timestamp=_time(now), parent_frame_id=DRIVE_FRAME, child_frame_id=f"EGO {layer.name}",
-                            translation=place, rotation=_rotation(one.heading),
-                        )  # fmt: skip
-                        rows.append((now, number, told))
+                for one in ego:
+                    place = fg.Vector3(x=one.x - x, y=one.y - y, z=0.0)
+                    told = fg.FrameTransform(
+                        timestamp=_time(now), parent_frame_id=DRIVE_FRAME, child_frame_id=f"EGO {layer.name}",
+                        translation=place, rotation=_rotation(one.heading),
+                    )  # fmt: skip
+                    rows.append((now, number, told))
         for now, _, told in sorted(rows, key=lambda row: row[:2]):
             yield TimedMessage(now, fg.FrameTransforms(transforms=[told]).encode())
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -108,26 +109,42 @@ def derived(layer: Layer) -> tuple[str, ...]:
     return tuple(name for name, value in values.items() if value is None or np.isnan(value[there]).any())
 
 
-def states(layer: Layer, network: RoadNetwork) -> Iterator[tuple[float, list[ExportedState]]]:
-    """Give by time [s] where everybody is whose state is known then.
+def states(
+    layer: Layer, network: RoadNetwork, only: str | None = None
+) -> Iterator[tuple[float, list[ExportedState]]]:
+    """Give by time [s] where everybody is whose state is known then; only: give this object alone.
 
     What a source does not say is derived: accelerations and yaw rates are slopes, heights those of the map, or where it
     has none of the object's own samples, or else of the others'.
     """
-    tracks = _whole(layer.tracks, network)
-    a, yaw_rate, z = tracks.a, tracks.yaw_rate, tracks.z
-    assert a is not None
-    assert yaw_rate is not None
-    assert z is not None
-    heading = np.angle(np.exp(1j * tracks.heading))
-    columns = np.stack([tracks.x, tracks.y, z, heading, tracks.v, a, yaw_rate])
+    tracks, columns = layer.tracks, _columns(layer, network)
+    wanted = np.ones(len(tracks), dtype=bool) if only is None else tracks.ids == only
     kinds, heights = tracks.kind.tolist(), [HEIGHTS.get(kind, HEIGHT) for kind in tracks.kind.tolist()]
     fixed = [
         *zip(tracks.ids.tolist(), kinds, tracks.length.tolist(), tracks.width.tolist(), heights, strict=True)
     ]
     for k, t in enumerate(tracks.t.tolist()):
-        rows = np.flatnonzero(tracks.valid[:, k]).tolist()
+        rows = np.flatnonzero(tracks.valid[:, k] & wanted).tolist()
         yield t, [ExportedState(*fixed[n], *columns[:, n, k].tolist()) for n in rows]
+
+
+_KNOWN: WeakKeyDictionary[Layer, tuple[RoadNetwork, Floats]] = WeakKeyDictionary()
+"""What topics of one source share."""
+
+
+def _columns(layer: Layer, network: RoadNetwork) -> Floats:
+    """What `ExportedState` has from x on (7, N, T); worked out once as long as the source is there."""
+    road, columns = _KNOWN.get(layer, (None, None))
+    if columns is None or road is not network:
+        tracks = _whole(layer.tracks, network)
+        a, yaw_rate, z = tracks.a, tracks.yaw_rate, tracks.z
+        assert a is not None
+        assert yaw_rate is not None
+        assert z is not None
+        heading = np.angle(np.exp(1j * tracks.heading))
+        columns = np.stack([tracks.x, tracks.y, z, heading, tracks.v, a, yaw_rate])
+        _KNOWN[layer] = network, columns
+    return columns
 
 
 def _whole(tracks: Tracks, network: RoadNetwork) -> Tracks:

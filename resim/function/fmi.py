@@ -74,22 +74,6 @@ class BinaryVariable:
         return ctypes.string_at(address, size) if address and size > 0 else b""
 
 
-def refuse_illegal_statuses(unit: Any) -> None:
-    """Make every call of a unit of FMPy raise RuntimeError for a status that FMI does not know.
-
-    FMPy raises for those above fmi2Warning alone, and would take what is below 0 for good.
-    """
-    call = unit._call
-
-    def checked(name: str, *given: Any) -> Any:
-        told = call(name, *given)
-        if unit._functions[name].restype is ctypes.c_int and told < 0:
-            raise RuntimeError(f"{name} gave the status {told}, which FMI does not know")
-        return told
-
-    unit._call = checked
-
-
 def refuse_undone(told: tuple[bool, bool, bool, float], end: float, cycle: float) -> None:
     """Raise RuntimeError where a unit of FMI 3 says that it did not do its step of `cycle` [s] until `end` [s].
 
@@ -160,6 +144,8 @@ class FmuFunction:
         from fmpy.fmi2 import FMU2Slave
         from fmpy.fmi3 import FMU3Slave
 
+        from resim.function.unit_log import UnitLog
+
         w = self._wiring
         with zipfile.ZipFile(w.file) as packed:
             packed.extractall("unit")
@@ -169,8 +155,9 @@ class FmuFunction:
             guid=w.token, modelIdentifier=w.identifier, unzipDirectory=str(Path("unit").absolute()),
             instanceName="function",
         )  # fmt: skip
-        refuse_illegal_statuses(unit)
-        unit.instantiate()
+        log = UnitLog()
+        log.raise_failures(unit)
+        log.instantiate(unit, w.version)
         for name, value in self._given.items():
             if name not in w.parameters:
                 raise ValueError(f"the unit has no parameter {name!r}")

@@ -77,6 +77,9 @@ def augment(
         raise InputError(target, "exists already", "Name a new folder: a recording is never replaced.")
     file = path_of(settings) if settings is not None else shipped_augmentation()
     told, origin = read_augmentation(file), load_checked(folder)
+    if len(lacking := origin.incomplete.get("gt", ())):
+        problem = f"{len(lacking)} rows lack a value: where their objects are is unknown, and would be in a variation"
+        raise InputError(folder, problem, "Repair it with `resim check --fix`.")
     network = load(origin.map)
     known = {(f.code, f.object) for f in examine(read_tables(folder), network)}
     truth = pd.read_csv(folder / TRUTH, keep_default_na=False) if (folder / TRUTH).is_file() else None

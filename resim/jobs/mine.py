@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
 
-from resim.core.errors import InputError
+from resim.core.errors import InputError, ResimError
 from resim.core.files import file_hash
+from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.core.spelling import unknown
+from resim.execution.child import Failure
+from resim.execution.workers import run_all
 from resim.jobs.given import path_of
 from resim.jobs.play import play
 from resim.mining.around import AroundOptions, moments_finder
 from resim.mining.maneuver import label_names
-from resim.mining.own_labels import read_rules
+from resim.mining.own_labels import LIMIT, MiningRules, read_rules, rules_of
 from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
-from resim.mining.study import MinedPart, StudyOptions
-from resim.mining.study_run import mine_all
+from resim.mining.study import MinedPart, StudyOptions, mine_into, own_extraction
+from resim.mining.study_run import finished
 from resim.recordings import read_recording
 from resim.recordings.settings import SETTINGS
 from resim.recordings.tables import read_parquet
@@ -44,7 +47,9 @@ from resim.results import (
 )
 from resim.road.opendrive import load
 
-TABLES = ("maneuvers", "scenarios")
+TABLES = ("maneuvers", "scenarios", "slots")
+SURROUNDINGS = "surroundings"
+"""Asks for the scenarios of extraction, of each recording's own EGO alone."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +58,9 @@ class MineOptions:
 
     Attributes:
         labels: File of thresholds and own labels; None for what ships.
-        around: Which moments of each recording's own EGO are cut out in place of extraction: a measure, a label, or
-            `decision`, with the windows of the thresholds; or options of one's own.
+        around: Which moments of each recording's own EGO are cut out in place of extraction: a measure, a label,
+            `surroundings` for what extraction gives of this EGO alone, or `decision`, with the windows of the
+            thresholds; or options of one's own.
         accept: Codes of findings to continue despite.
         write: Whether scenarios are written as recordings.
         fit: Whether they are fitted and written as JSCEN files.
@@ -135,7 +141,9 @@ def mine(
         (target / MARK).unlink(missing_ok=True)
         named = _named(folders)
         told: dict[str, MinedPart | MinedFailure] = {}
-        for one in mine_all(named, target, study, options.workers or os.cpu_count() or 1):
+        for one in finished(
+            _mined(named, target, study, options), target, options.workers or os.cpu_count() or 1
+        ):
             told[one.recording] = one
             heard(one)
         parts = [one for name in named if isinstance(one := told[name], MinedPart)]
@@ -143,6 +151,46 @@ def mine(
         if not parts:
             raise InputError(target, f"no recording could be mined: {failures[0].why}", "See `resim check`.")
         return _finish(target, study, parts, failures)
+
+
+@dataclass(frozen=True, eq=False)
+class _MineTask:
+    """A recording to be mined by labels of the user's own, from their frozen copy."""
+
+    name: str
+    folder: Path
+    target: Path
+    rules: FrozenFile
+    options: MineOptions
+
+
+def _mine_task(task: _MineTask) -> MinedPart | str:
+    """Mine a recording in a child: gives what was found, or why it cannot be mined."""
+    try:
+        return mine_into(task.folder, task.name, task.target, _study_of(rules_of(task.rules), task.options))
+    except ResimError as e:
+        return str(e)
+
+
+def _mined(
+    named: Mapping[str, Path], target: Path, study: StudyOptions, options: MineOptions
+) -> Iterator[MinedPart | MinedFailure]:
+    """Mine each recording, in children that can be ended where the user's code has a say; in their order."""
+    if not study.rules.own or study.rules.frozen is None:
+        for name, folder in named.items():
+            try:
+                yield mine_into(folder, name, target, study)
+            except ResimError as e:
+                yield MinedFailure(name, str(folder), str(e))
+        return
+    tasks = [_MineTask(name, folder, target, study.rules.frozen, options) for name, folder in named.items()]
+    workers = min(options.workers or os.cpu_count() or 1, len(tasks))
+    limit = LIMIT * (1 + len(study.rules.own))
+    found = dict(run_all(_mine_task, tasks, workers=workers, time_limit=limit))
+    for k, task in enumerate(tasks):
+        told = found[k]
+        why = told.reason if isinstance(told, Failure) else told
+        yield MinedFailure(task.name, str(task.folder), why) if isinstance(why, str) else why
 
 
 def read_mined(folder: str | Path) -> MiningResult:
@@ -216,9 +264,14 @@ def scenario_folder(found: MiningResult, name: str) -> Path:
 
 
 def _study(options: MineOptions) -> StudyOptions:
-    rules = read_rules(options.labels)
+    return _study_of(read_rules(options.labels), options)
+
+
+def _study_of(rules: MiningRules, options: MineOptions) -> StudyOptions:
     scenarios = None
-    if options.around is not None:
+    if options.around == SURROUNDINGS:
+        scenarios = SURROUNDINGS, own_extraction(rules)
+    elif options.around is not None:
         asked = options.around
         if isinstance(asked, str):
             asked = AroundOptions(asked, **rules.settings.around.model_dump())
@@ -230,6 +283,7 @@ def _check_target(target: Path, resume: bool, inputs: Iterable[Path]) -> None:
     """Refuse a folder that an input lies in, or that holds something else, or an earlier study not to be resumed."""
     for one in inputs:
         refuse_within(one, target, "lies within --out, where `resim mine` replaces what it finds")
+        refuse_within(target, one, f"lies within {one}, which is mined")
     check_own(target, MINING)
     if target.is_dir() and any(target.iterdir()) and not resume:
         raise InputError(target, "exists already", "Name a new folder, or continue with resume=True.")
@@ -256,15 +310,21 @@ def _finish(
         merge_parquet([target / "parts" / part.recording / f"{table}.parquet" for part in parts], beside)
         beside.replace(target / f"{table}.parquet")
     report = MiningReport(
-        versions=versions(), rules=study.rules.hash, labels=[*study.rules.labels],
-        trigger=[*study.rules.settings.extraction.trigger] if study.scenarios is None else [study.scenarios[0]],
-        parts=parts, failures=failures,
+        versions=versions(), rules=study.rules.hash, labels=[*study.rules.labels], trigger=_trigger(study),
+        parts=parts, failures=failures, egos="every" if study.scenarios is None else "own",
         files={name: file_hash(target / name) for name in (f"{table}.parquet" for table in TABLES)},
     )  # fmt: skip
     write_json(sealed(to_json(report)), target / MARK)
     result = MiningResult(target, report)
     write_mined_page(report, result.maneuvers, result.scenarios, target)
     return result
+
+
+def _trigger(study: StudyOptions) -> list[str]:
+    """For what scenarios are cut out."""
+    if study.scenarios is None or study.scenarios[0] == SURROUNDINGS:
+        return [*study.rules.settings.extraction.trigger]
+    return [study.scenarios[0]]
 
 
 def known_labels() -> tuple[str, ...]:

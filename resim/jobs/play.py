@@ -8,14 +8,15 @@ from pathlib import Path
 
 from resim.core import remedies
 from resim.core.errors import InputError
-from resim.core.files import file_hash
+from resim.core.files import check_hashes, file_hash
 from resim.core.spec import read_sealed_json
 from resim.jobs.given import path_of
+from resim.jobs.vary import ORIGIN, SCENARIOS, read_variations
 from resim.metrics.assessment_report import DriveAssessment
 from resim.recordings.checked import load_checked
 from resim.recordings.checks import CODES
 from resim.report import write_player_page
-from resim.report.player import PlayedDrive, of_recording, of_run, of_scenario
+from resim.report.player import PlayedDrive, of_recording, of_run, of_scenario, of_variations
 from resim.report.player.drive import DriveVerdict
 from resim.report.player.video import check_video, write_video
 from resim.resimulation import AssessmentOptions, assess_recording
@@ -26,8 +27,11 @@ from resim.results.reading import LARGEST
 from resim.road.flaws import MAP_CODES
 from resim.road.opendrive import load
 from resim.scenario.jscen import read_jscen
+from resim.variations.report import MARK
 
 KINDS = remedies.PLAYED
+BUNDLED = 60
+"""Variations that are shown around their origin: more are a blot."""
 OTHERS = {
     "verification.json": "the folder of `resim verify`: the player of each recording is in its drives/",
     "inputs.json": "the folder of `resim verify`: the player of each recording is in its drives/",
@@ -44,7 +48,7 @@ def play(
     """Write a page that plays drives.
 
     Args:
-        drives: Recordings, folders that `resim run` wrote, JSCEN files; played one after the other.
+        drives: Recordings, folders that `resim run` or `resim vary` wrote, JSCEN files; played one after the other.
         out: Page (.html) to write.
         assess: Whether recordings are assessed for curves of risk and TTC; results have theirs.
         video: File (.mp4 or .gif) to film the first drive into; needs chromium and playwright, for mp4 ffmpeg.
@@ -74,7 +78,7 @@ def played_drive(path: Path, *, assess: bool = False) -> PlayedDrive:
     """Give the drive at a path as the player shows it.
 
     Args:
-        path: A recording, a folder that `resim run` wrote, or a JSCEN file.
+        path: A recording, a folder that `resim run` or `resim vary` wrote, or a JSCEN file.
         assess: Whether a recording is assessed for curves of risk and TTC.
 
     Returns:
@@ -87,6 +91,8 @@ def played_drive(path: Path, *, assess: bool = False) -> PlayedDrive:
         return _scenario(path)
     if (path / "run.json").is_file():
         return _result(path)
+    if (path / MARK).is_file():
+        return _variations(path)
     if (path / "recording.toml").is_file():
         return _recording(path, assess=assess)
     if not path.is_dir():
@@ -118,6 +124,23 @@ def _result(path: Path) -> PlayedDrive:
         found = {name: a for name, a in every.items() if hasattr(a, "measures")}
         judged = _judged(told, found)
     return replace(of_run(run.report, run.network, run.scenarios, run.tables, found), judged=judged)
+
+
+def _variations(path: Path) -> PlayedDrive:
+    """The origin of a folder of variations, and the first of these as a bundle around it."""
+    made = read_variations(path)
+    files = made.table.loc[made.table["file"] != "", ["variation", "file"]].head(BUNDLED)
+    if not len(files):
+        raise InputError(path, "has no scenarios to play", "Vary the recording without --rows.")
+    origin = path / SCENARIOS / ORIGIN
+    check_hashes(path, {name: made.report.files[name] for name in files["file"]}, "Vary the recording again.")
+    scenario = read_jscen(origin)
+    numbers = zip(files["variation"].tolist(), files["file"].tolist(), strict=True)
+    varied = {int(number): read_jscen(path / str(file)) for number, file in numbers}
+    objects = dict.fromkeys(one.partition(":")[0] for one in made.report.inputs.maneuvers)
+    return of_variations(
+        scenario, varied, [*objects], load(origin.parent / scenario.map), made.report.inputs.recording
+    )
 
 
 def _judged(told: RunAssessment, found: Mapping[str, DriveAssessment]) -> DriveVerdict | None:

@@ -27,9 +27,18 @@ from resim.scenario.jscen import JscenFile
 from resim.simulation.function.interface import BuildFile
 from resim.simulation.naturalistic.settings import NaturalisticSettings
 from resim.simulation.reactive.settings import ReactiveSettings
+from resim.space.comparison import SpaceComparison
+from resim.space.limits import ReleaseLimits
+from resim.space.release import ReleaseReport
+from resim.space.report import SpaceReport
+from resim.space.risk import CoverReport
+from resim.space.settings import SpaceSettings
 from resim.sweeps.manifest import SweepBegun, SweepManifest
 from resim.sweeps.report import SweepReport
 from resim.sweeps.sweep_file import SweepFile
+from resim.variations.kernels import KernelFile
+from resim.variations.report import VariationReport
+from resim.variations.settings import VariationSettings
 from resim.verification.cases import CaseFile
 from resim.verification.inputs import VerificationBegun
 from resim.verification.report import VerificationReport
@@ -71,6 +80,9 @@ FORMATS: Mapping[str, FileFormat] = {
     "augmentation": FileFormat("*.toml", AugmentationSettings),
     "labels": FileFormat("*.toml", MiningSettings),
     "kinds": FileFormat("*.toml", KindsFile),
+    "variation": FileFormat("*.toml", VariationSettings),
+    "kernels": FileFormat("kernels.json", KernelFile, sealed=True),
+    "variations": FileFormat("variations.json", VariationReport, sealed=True),
     "suite": FileFormat("*.toml", SuiteFile),
     "sweep": FileFormat("*.toml", SweepFile),
     "perception": FileFormat("*.json", PerceptionModel),
@@ -88,6 +100,12 @@ FORMATS: Mapping[str, FileFormat] = {
     "manifest": FileFormat("manifest.json", SweepManifest, sealed=True),
     "mined": FileFormat("mined.json", MiningReport, sealed=True),
     "sweep_report": FileFormat("report.json", SweepReport),
+    "space_settings": FileFormat("*.toml", SpaceSettings),
+    "release_limits": FileFormat("*.toml", ReleaseLimits),
+    "space": FileFormat("space.json", SpaceReport, sealed=True),
+    "cover": FileFormat("cover.json", CoverReport, sealed=True),
+    "release": FileFormat("release.json", ReleaseReport, sealed=True),
+    "space_comparison": FileFormat("comparison.json", SpaceComparison, sealed=True),
 }
 """By name; report.json of a run is "report", that of a sweep "sweep_report"; assessment.json of a run is
 "run_assessment", that of a recording "assessment"."""

@@ -97,11 +97,7 @@ def make_traffic(
         ConversionError: The map cannot be converted.
         ResimError: SUMO fails.
     """
-    path, folder = path_of(road), path_of(out)
-    if not 0.0 < hours <= LONGEST:
-        raise InputError("--hours", f"expected more than 0 up to {LONGEST:g}, found {hours:g}")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(folder, "exists already", "Name a new folder: a recording is never replaced.")
+    path, folder = path_of(road), _new_folder(path_of(out), hours)
     file = path_of(settings) if settings is not None else shipped_traffic()
     told, network = read_naturalistic(file), load(path)
     provenance: dict[str, str] = {
@@ -126,6 +122,15 @@ def make_traffic(
         yield one
     if not made:
         raise InputError(file, "no vehicle came in this time", "Raise per_lane, or ask for more hours.")
+
+
+def _new_folder(folder: Path, hours: float) -> Path:
+    """Give the folder back. Raises InputError where it is there already, or hours are none."""
+    if not 0.0 < hours <= LONGEST:
+        raise InputError("--hours", f"expected more than 0 up to {LONGEST:g}, found {hours:g}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(folder, "exists already", "Name a new folder: a recording is never replaced.")
+    return folder
 
 
 def _plain(window: TrafficWindow, road: Path, ego: TrafficEgo | None) -> EgoWindow:

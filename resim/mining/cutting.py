@@ -7,23 +7,41 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.errors import ResimError
+from resim.core.geometry import Bools
+from resim.core.schema import GT_ID
 from resim.core.tracks import Tracks
 from resim.mining.extraction import ExtractedScenario
-from resim.recordings import Recording, write_recording
+from resim.recordings import Recording, RecordingTables
+from resim.recordings.folder import write_tables
+from resim.recordings.tables import VALUES
 from resim.road.opendrive import RoadNetwork
 from resim.scenario.jscen import write_jscen
 from resim.scenario.scenario import describe
 
 LEAST = 2
 """Samples of the EGO that a recording needs."""
+NEAR, AROUND = 30.0, 150.0
+"""m from the EGO's centre within which everybody is in its recording, beside the members: of scenarios that are
+extracted, and of moments of a test drive, which are judged as the drive is."""
 
 
-def cut(recording: Recording, one: ExtractedScenario, name: str, about: str) -> Recording:
+def cut(
+    tables: RecordingTables,
+    recording: Recording,
+    one: ExtractedScenario,
+    name: str,
+    about: str,
+    reach: float = NEAR,
+) -> RecordingTables:
     """Give a scenario as a recording: the window of GT with EGO and members, and of SD and plans where there are any.
 
-    A recording needs its EGO at all times: it is the part of the window in which it is there. Times begin at 0.
+    Rows are taken as they are written, repeated ones, those without values, and their marks too: what is doubtful of a
+    drive is doubtful of its parts. Who comes within `reach` [m] is in it, and whoever has a row without values. A
+    recording needs its EGO at all times: it is the part of the window in which it is there. Times begin at 0.
     about: for its provenance. Raises ResimError where the EGO has fewer than two samples there.
     """
     gt = recording.gt
@@ -31,51 +49,67 @@ def cut(recording: Recording, one: ExtractedScenario, name: str, about: str) -> 
     steps = steps[gt.valid[one.ego, steps]]
     if len(steps) < LEAST:
         raise ResimError("the EGO has fewer than two samples in it")
-    rows = [one.ego, *one.members]
-    part = gt.select(gt.ids[rows]).samples(steps)
-    part = part.select(part.ids[part.valid.any(axis=1)])
-    start, end = float(part.t[0]), float(part.t[-1])
-    ego = str(gt.ids[one.ego])
-    sd, sd_gt_id, existence = _sensor_data(recording, set(part.ids.tolist()), start, end)
-    plan = recording.plan
-    own_drive = ego == recording.ego
-    if plan is not None and own_drive:
-        plan = plan[(plan["t"] >= start - 1e-9) & (plan["t"] <= end + 1e-9)]
+    start, end, ego = float(gt.t[steps[0]]), float(gt.t[steps[-1]]), str(gt.ids[one.ego])
+    rows = _between(tables.gt, start, end)
+    lacking = rows["id"][~np.isfinite(rows[list(VALUES)].to_numpy(float)).all(axis=1)]
+    kept = {ego, *gt.ids[_near(gt, one, steps, reach)].tolist(), *lacking.tolist()}
+    own = rows["t"][rows["id"] == ego].to_numpy(float)
+    at = own[np.clip(np.searchsorted(own, rows["t"].to_numpy(float) - TICK), 0, len(own) - 1)]
+    rows = rows[rows["id"].isin(kept) & (np.abs(at - rows["t"].to_numpy(float)) <= TICK)]
+    sd, own_drive = _sensed(tables, recording, kept, (start, end)), ego == recording.ego
+    plan = tables.plan if own_drive else None
+    if plan is not None:
+        plan = _between(plan, start, end)
         plan = plan.assign(t=plan["t"] - start, t_plan=plan["t_plan"] - start).reset_index(drop=True)
     told = {"mined_from": recording.name, "mined": about, "original_start_s": f"{start:.9g}"}
-    return Recording(
-        name=name, map=recording.map, ego=ego, gt=part.shifted(-start), gt_rate=recording.gt_rate,
-        sd=sd, sd_rate=recording.sd_rate if sd is not None else None, sd_gt_id=sd_gt_id,
-        existence_probability=existence,
-        build=recording.build if own_drive else None, build_hash=recording.build_hash if own_drive else None,
-        plan=plan if own_drive and plan is not None and len(plan) else None,
-        environment=recording.environment,
-        provenance={**recording.provenance, **told},
+    settings = tables.settings.model_copy(update={
+        "name": name, "ego": ego, "provenance": {**recording.provenance, **told},
+        "sd_rate": tables.settings.sd_rate if sd is not None else None,
+        "build": recording.build if own_drive else None, "build_hash": recording.build_hash if own_drive else None,
+    })  # fmt: skip
+    return replace(
+        tables, settings=settings, gt=_shifted(rows, start), sd=None if sd is None else _shifted(sd, start),
+        plan=plan if plan is not None and len(plan) else None,
     )  # fmt: skip
 
 
-def _sensor_data(
-    recording: Recording, kept: set[str], start: float, end: float
-) -> tuple[Tracks | None, np.ndarray | None, np.ndarray | None]:
-    """SD of those kept and of nobody, from start to end [s], with their GT ids and probabilities of existence."""
+def _near(gt: Tracks, one: ExtractedScenario, steps: np.ndarray, reach: float) -> Bools:
+    """Which objects (N,) are members, or come within `reach` [m] of the EGO."""
+    x, y = gt.x[:, steps], gt.y[:, steps]
+    away = np.hypot(x - x[one.ego], y - y[one.ego])
+    out: Bools = np.any(np.where(gt.valid[:, steps], away, np.inf) <= reach, axis=1)
+    out[list(one.members)] |= gt.valid[list(one.members)][:, steps].any(axis=1)
+    return out
+
+
+def _between(frame: pd.DataFrame, start: float, end: float) -> pd.DataFrame:
+    return frame[(frame["t"] >= start - TICK) & (frame["t"] <= end + TICK)]
+
+
+def _shifted(frame: pd.DataFrame, start: float) -> pd.DataFrame:
+    out = frame.assign(t=np.round(frame["t"] - start, 9))
+    out.index = pd.RangeIndex(2, len(out) + 2)
+    return out
+
+
+def _sensed(
+    tables: RecordingTables, recording: Recording, kept: set[str], window: tuple[float, float]
+) -> pd.DataFrame | None:
+    """SD of those kept and of nobody in a window [s], with their GT ids; None where there is none."""
     sd, names = recording.sd, recording.sd_gt_id
-    if sd is None or names is None:
-        return None, None, None
-    inside = np.flatnonzero((sd.t >= start - 1e-9) & (sd.t <= end + 1e-9))
-    if not len(inside):
-        return None, None, None
-    own = np.array([name in kept or not name for name in names.tolist()], dtype=bool)
-    rows = np.flatnonzero(own & sd.valid[:, inside].any(axis=1))
-    if not len(rows):
-        return None, None, None
-    part = sd.select(sd.ids[rows]).samples(inside).shifted(-start)
-    existence = recording.existence_probability
-    return part, names[rows], None if existence is None else existence[np.ix_(rows, inside)]
+    if tables.sd is None or sd is None or names is None:
+        return None
+    of = dict(zip(sd.ids.tolist(), names.tolist(), strict=True))
+    told = tables.sd[GT_ID] if GT_ID in tables.sd else tables.sd["id"].map(lambda name: of.get(name, ""))
+    rows = tables.sd.assign(**{GT_ID: told})
+    rows = _between(rows, *window)
+    rows = rows[rows[GT_ID].isin({*kept, ""})]
+    return rows if len(rows) else None
 
 
-def write_cut(scenario: Recording, folder: Path, road: Path) -> None:
+def write_cut(scenario: RecordingTables, folder: Path, road: Path) -> None:
     """Write a scenario's recording as a new folder that refers to the map at `road`."""
-    write_recording(scenario, folder, map_reference=os.path.relpath(road, folder))
+    write_tables(scenario, folder, map_reference=os.path.relpath(road, folder))
 
 
 def write_described(scenario: Recording, network: RoadNetwork, file: Path) -> None:

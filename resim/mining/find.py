@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
 
 import resim.mining.labels as labels
 from resim.core.errors import FunctionError
+from resim.core.geometry import sealed
 from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelledManeuver
 from resim.mining.settings import DEFAULT_SETTINGS, MiningSettings
 
 OwnLabel = Callable[[Features, Sequence[LabelledManeuver]], Iterable[LabelledManeuver]]
+TAKEN = frozenset({"recording", "object", "label", "start", "end", "t", "partner", "lane_from", "lane_to"})
+"""Columns of maneuvers.parquet that are no figures."""
 
 assert labels.__all__  # imported for the labels that it adds
 
@@ -37,16 +43,37 @@ def _own(
     name: str, label: OwnLabel, features: Features, found: Sequence[LabelledManeuver]
 ) -> list[LabelledManeuver]:
     """What a user's own label gives, looked at."""
+    sealed(features.samples)
+    sealed(features)
     try:
         told = list(label(features, tuple(found)))
     except Exception as e:  # whatever a user's function raises
         raise FunctionError(f"label {name!r}: {type(e).__name__}: {e}") from e
     for maneuver in told:
-        if not isinstance(maneuver, LabelledManeuver) or maneuver.label != name:
-            raise FunctionError(f"label {name!r}: expected maneuvers of that label, got {maneuver!r}")
-        low, high = features.samples.first[maneuver.object], features.samples.first[maneuver.object + 1]
-        if not low <= maneuver.start <= maneuver.end < high:
-            raise FunctionError(
-                f"label {name!r}: samples {maneuver.start} to {maneuver.end} are not of its object"
-            )
+        if problem := _problem(name, maneuver, features):
+            raise FunctionError(f"label {name!r}: {problem}")
     return told
+
+
+def _problem(name: str, maneuver: object, features: Features) -> str:
+    """What is wrong with a maneuver that a user's label gives; "" for nothing."""
+    if not isinstance(maneuver, LabelledManeuver) or maneuver.label != name:
+        return f"expected maneuvers of that label, got {maneuver!r}"
+    count, m = len(features.samples.tracks), maneuver
+    if not all(isinstance(n, (int, np.integer)) for n in (m.object, m.start, m.end, m.at, m.partner)):
+        return f"expected object, start, end, at and partner as integers, got {maneuver!r}"
+    if not (0 <= m.object < count and -1 <= m.partner < count):
+        return (
+            f"object {m.object} or partner {m.partner} is no row of the {count} tracks (partner -1: nobody)"
+        )
+    low, high = features.samples.first[m.object : m.object + 2]
+    if not low <= m.start <= m.at <= m.end < high:
+        return f"samples {m.start} to {m.end}, at {m.at}, are not of its object ({low} to {high - 1}), or in no order"
+    for figure, value in m.figures.items():
+        if figure in TAKEN or not re.fullmatch(r"[a-z][a-z0-9_]*", str(figure)):
+            return (
+                f"figure {figure!r}: expected a name of small letters that is no column of maneuvers.parquet"
+            )
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+            return f"figure {figure!r}: expected a number, got {value!r}"
+    return ""

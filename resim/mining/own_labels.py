@@ -10,7 +10,6 @@ from resim.core.files import parse_toml
 from resim.core.plugins.frozen import FrozenCopy, FrozenFile, load_frozen
 from resim.core.plugins.loading import freeze_code, load_named
 from resim.core.plugins.watchdog import Watchdog
-from resim.core.spec import read_strict
 from resim.mining.features import Features
 from resim.mining.find import OwnLabel
 from resim.mining.maneuver import LabelledManeuver, label_names
@@ -20,6 +19,7 @@ from resim.mining.settings import (
     MiningSettings,
     check_triggers,
     raw_settings,
+    settings_of,
 )
 
 LIMIT = 600.0
@@ -34,11 +34,13 @@ class MiningRules:
         settings: The thresholds.
         own: Functions of own labels by name.
         hash: Of the file and the code that belongs to it; "" for what ships.
+        frozen: The copy of both that is run.
     """
 
     settings: MiningSettings = DEFAULT_SETTINGS
     own: Mapping[str, OwnLabel] | None = None
     hash: str = ""
+    frozen: FrozenFile | None = None
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -49,14 +51,16 @@ class MiningRules:
 
 def read_rules(path: Path | None) -> MiningRules:
     """Read a file of thresholds with its own labels; None for what ships. Raises InputError."""
-    if path is None:
-        return MiningRules()
-    frozen = freeze_rules(path)
+    return MiningRules() if path is None else rules_of(freeze_rules(path))
+
+
+def rules_of(frozen: FrozenFile) -> MiningRules:
+    """Give the rules that a frozen file says. Raises InputError."""
     copy = load_frozen(frozen, freeze_rules)
-    settings = read_strict(path, MiningSettings, EXAMPLE)
+    settings = settings_of(copy.raw, frozen.path)
     own = {label.name: _own(frozen, copy, label.function) for label in settings.label}
-    rules = MiningRules(settings, own, frozen.hash)
-    check_triggers(settings, rules.labels, str(path))
+    rules = MiningRules(settings, own, frozen.hash, frozen)
+    check_triggers(settings, rules.labels, str(frozen.path))
     return rules
 
 
@@ -78,5 +82,5 @@ def freeze_rules(path: Path) -> FrozenFile:
     """Keep a copy of the file with the code that it names. Raises InputError."""
     raw = raw_settings(path)
     told = parse_toml(raw, path, EXAMPLE)
-    settings = read_strict(path, MiningSettings, EXAMPLE)
+    settings = settings_of(raw, path)
     return freeze_code(path, raw, [label.function for label in settings.label], list(told.get("files", [])))

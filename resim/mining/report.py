@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from resim.core.spec import EXACT
 from resim.mining.study import MinedPart
@@ -38,6 +39,7 @@ class MiningReport:
         parts: What was found in each recording.
         failures: Recordings that could not be mined.
         files: SHA-256 of the tables.
+        egos: Who is the EGO: `every` vehicle once, or each recording's `own`.
     """
 
     versions: Mapping[str, str]
@@ -47,5 +49,6 @@ class MiningReport:
     parts: list[MinedPart]
     failures: list[MinedFailure]
     files: Mapping[str, str]
+    egos: Literal["every", "own"] = "every"
 
     __pydantic_config__ = EXACT

@@ -13,15 +13,17 @@ from pathlib import Path
 import pandas as pd
 
 from resim.core.errors import ResimError
-from resim.core.files import file_hash
-from resim.mining.cutting import cut, write_cut, write_described
+from resim.mining.cutting import NEAR, cut, write_cut, write_described
 from resim.mining.extraction import ExtractedScenario
-from resim.recordings import Recording, read_recording
+from resim.mining.slots import map_folder
+from resim.recordings import Recording, RecordingTables, read_recording
 from resim.road.opendrive import load
 
 FILES = ("folder", "jscen", "note")
 """Columns of scenarios.parquet that say where a scenario is, and what is to be known of it."""
 ENDING = ".jscen.json"
+JOINT = "+"
+"""Between recording, EGO and number in a scenario's name; in neither of them."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,21 @@ class FitTask:
     file: Path
 
 
+@dataclass(frozen=True, eq=False)
+class CutSource:
+    """What scenarios are cut out of.
+
+    Attributes:
+        recording: The recording.
+        tables: Its tables, as they are written.
+        reach: Distance [m] from the EGO within which everybody is in a scenario's recording.
+    """
+
+    recording: Recording
+    tables: RecordingTables
+    reach: float = NEAR
+
+
 def fit_scenario(task: FitTask) -> str:
     """Fit a scenario and write it as JSCEN; gives "", or why it cannot be fitted."""
     try:
@@ -48,18 +65,19 @@ def fit_scenario(task: FitTask) -> str:
 
 
 def write_scenarios(
-    recording: Recording, scenarios: list[ExtractedScenario], frame: pd.DataFrame, out: Path, *, fit: bool
+    source: CutSource, scenarios: list[ExtractedScenario], frame: pd.DataFrame, out: Path, *, fit: bool
 ) -> pd.DataFrame:
     """Write scenarios as recordings; gives their table (frame, with their names) with FILES.
 
     fit: whether the table says where JSCEN files are to be, which are still to be written.
     """
+    recording = source.recording
     road = map_beside(recording.map, out)
     rows = []
     for one, name in zip(scenarios, frame["scenario"].tolist(), strict=True):
         labels = ", ".join(dict.fromkeys(m.label for m in one.triggers))
         try:
-            scenario = cut(recording, one, name, labels)
+            scenario = cut(source.tables, recording, one, name, labels, source.reach)
             target = out / "recordings" / name
             if not target.is_dir():
                 write_cut(scenario, target, road)
@@ -99,8 +117,7 @@ def with_fits(frame: pd.DataFrame, out: Path, told: dict[str, str]) -> pd.DataFr
 
 def map_beside(road: Path, out: Path) -> Path:
     """Give the study's copy of a map, made at need: maps of one name and other content are told apart."""
-    digest = file_hash(road)
-    folder = out / "maps" / f"{road.stem}-{digest[:8]}"
+    folder = out / "maps" / map_folder(road)
     copy = folder / road.name
     if not copy.is_file():
         folder.mkdir(parents=True, exist_ok=True)
@@ -111,7 +128,7 @@ def map_beside(road: Path, out: Path) -> Path:
 
 def forget_scenarios(out: Path, recording: str) -> None:
     """Delete the scenarios that were cut out of a recording of this name, first their JSCEN files."""
-    for old in (out / "recordings").glob(f"{recording}_*_*"):
+    for old in (out / "recordings").glob(f"{recording}{JOINT}*{JOINT}*"):
         if old.is_dir() and _is_of(old, recording):
             for file in (out / "maps").glob(f"*/{old.name}{ENDING}"):
                 file.unlink()

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from resim.core.errors import InputError
 from resim.core.files import read_file
-from resim.core.spec import ModuleAndName, Strict, TextPattern, read_strict
+from resim.core.spec import ModuleAndName, Strict, TextPattern, read_strict, strict_of
 from resim.scenario import maneuvers
 
 EXAMPLE = "See scenarios/mining/labels.toml"
@@ -234,6 +234,11 @@ DEFAULT_SETTINGS = MiningSettings()
 def read_mining_settings(path: Path) -> MiningSettings:
     """Read a file of thresholds. Raises InputError naming every fault."""
     return read_strict(path, MiningSettings, EXAMPLE)
+
+
+def settings_of(raw: bytes, path: Path) -> MiningSettings:
+    """Give what the bytes of a file of thresholds say. Raises InputError naming every fault."""
+    return strict_of(raw, path, MiningSettings, EXAMPLE)
 
 
 def check_triggers(settings: MiningSettings, known: tuple[str, ...], where: str) -> None:

@@ -11,7 +11,7 @@ import hashlib
 import json
 import shutil
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from resim.core.files import check_hashes, file_hash
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
+from resim.mining.cutting import AROUND, NEAR
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
@@ -30,9 +31,18 @@ from resim.mining.overview import overview_frame
 from resim.mining.own_labels import MiningRules
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
-from resim.mining.scenario_files import FitTask, fit_tasks, forget_scenarios, with_fits, write_scenarios
+from resim.mining.scenario_files import (
+    JOINT,
+    CutSource,
+    FitTask,
+    fit_tasks,
+    forget_scenarios,
+    with_fits,
+    write_scenarios,
+)
+from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.mining.surroundings import SlotReach
-from resim.recordings import Recording
+from resim.recordings import Recording, read_tables
 from resim.recordings.checked import finding_lines, load_checked
 from resim.recordings.content import content_hash
 from resim.recordings.tables import read_parquet
@@ -41,7 +51,7 @@ from resim.road.opendrive import RoadNetwork, load
 
 PART, CUT = "part.json", "cut.json"
 """What says of a part that it is finished, and that its scenarios are cut out but not yet all fitted."""
-PART_TABLES = ("maneuvers", "scenarios", "overview")
+PART_TABLES = ("maneuvers", "scenarios", "overview", "slots")
 WRITTEN_BY, REMEDY = "resim mine", "Mine the recording again."
 SCENARIOS = Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]
 
@@ -65,7 +75,13 @@ class MinedPart:
         vehicles_per_ego: Mean number of others that are there during an EGO's life, NaN without an EGO.
         egos: How many EGOs have 0, 1, 2, ... scenarios.
         lifetime: Mean life [s] of an EGO.
-        files: SHA-256 of its tables.
+        files: SHA-256 of its files, by their paths in the study's folder.
+        ego_hours: Hours [h] on lanes of the recording's own EGO.
+        ego_kilometres: Its kilometres [km] on lanes.
+        ego: Its id.
+        build: The build that drove it, None where a person did or nobody says.
+        build_hash: Hash of that build.
+        map: Name of the map, with the beginning of its hash.
     """
 
     recording: str
@@ -83,6 +99,12 @@ class MinedPart:
     egos: tuple[int, ...] = ()
     lifetime: float | None = None
     files: Mapping[str, str] = field(default_factory=dict)
+    ego_hours: float | None = None
+    ego_kilometres: float | None = None
+    ego: str | None = None
+    build: str | None = None
+    build_hash: str | None = None
+    map: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,11 +171,15 @@ def _placed(recording: Recording, found: Features) -> tuple[str, ...]:
 def _names(recording: Recording, scenarios: Sequence[ExtractedScenario]) -> list[str]:
     """Names of scenarios: recording, EGO, and which of the EGO's it is."""
     count: Counter[int] = Counter()
+    known: dict[str, int] = {}
     out = []
     for one in scenarios:
         count[one.ego] += 1
-        ego = "".join(c if c.isalnum() or c in "-_." else "_" for c in str(recording.gt.ids[one.ego]))
-        out.append(f"{recording.name}_{ego}_{count[one.ego]}")
+        ego = base = "".join(c if c.isalnum() or c in "-_." else "_" for c in str(recording.gt.ids[one.ego]))
+        number = 2
+        while known.setdefault(ego, one.ego) != one.ego:  # another one's id that is written alike
+            ego, number = f"{base}.{number}", number + 1
+        out.append(f"{recording.name}{JOINT}{ego}{JOINT}{count[one.ego]}")
     return out
 
 
@@ -188,6 +214,18 @@ class StudyOptions:
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
+def own_extraction(rules: MiningRules) -> SCENARIOS:
+    """Give what extracts the scenarios of each recording's own EGO."""
+
+    def find(
+        recording: Recording, found: Features, maneuvers: Sequence[LabelledManeuver]
+    ) -> list[ExtractedScenario]:
+        row = recording.gt.index(recording.ego)
+        return [one for one in extract(found, maneuvers, rules.settings.extraction) if one.ego == row]
+
+    return find
+
+
 def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> MinedPart:
     """Mine a recording folder under this name into the study's folder, or take what was mined before.
 
@@ -206,35 +244,29 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     )
     frame = scenario_frame(name, mined.features, mined.scenarios, mined.names)
     if options.write:
-        frame = write_scenarios(mined.recording, mined.scenarios, frame, out, fit=options.fit)
+        reach = NEAR if options.scenarios is None else AROUND
+        source = CutSource(mined.recording, read_tables(folder), reach)
+        frame = write_scenarios(source, mined.scenarios, frame, out, fit=options.fit)
     part.mkdir(parents=True, exist_ok=True)
     write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
     write_parquet(frame, part / "scenarios.parquet")
     write_parquet(overview_frame(mined.features), part / "overview.parquet")
-    told = replace(summary(mined, name, folder, (content, key)), files=_hashes(part))
-    _write_mark(told, part / CUT)
-    return told
-
-
-def _hashes(part: Path) -> dict[str, str]:
-    """Of the tables of a part."""
-    return {f"{table}.parquet": file_hash(part / f"{table}.parquet") for table in PART_TABLES}
+    slots = slot_frame(mined.names, slot_traces(mined.features, mined.scenarios))
+    write_parquet(slots, part / "slots.parquet")
+    return _write_mark(summary(mined, name, folder, (content, key)), part / CUT, out)
 
 
 def _kept(part: Path, out: Path, content: str, key: str) -> MinedPart | None:
-    """What was mined before, to the end or but for fits, where it follows from the same and all of it is there."""
-    mark = next((name for name in (PART, CUT) if (part / name).is_file()), PART)
-    try:
-        before = read_sealed_json(part / mark, MinedPart, WRITTEN_BY, REMEDY)
-        if (before.content, before.key) != (content, key):
-            return None
-        check_hashes(part, before.files, REMEDY)
-        rows = read_parquet(part / "scenarios.parquet")
-    except InputError:
-        return None
-    columns = ("folder", "jscen") if mark == PART else ("folder",)
-    written = [name for column in columns for name in rows[column].fillna("").tolist() if name]
-    return before if all((out / name).exists() for name in written) else None
+    """What was mined before, where it follows from the same and all of it is as it was; its fits may be left to do."""
+    for mark in (PART, CUT):
+        try:
+            before = read_sealed_json(part / mark, MinedPart, WRITTEN_BY, REMEDY)
+            if (before.content, before.key) == (content, key):
+                check_hashes(out, before.files, REMEDY)
+                return before
+        except InputError:
+            continue
+    return None
 
 
 def pending_fits(out: Path, name: str) -> list[FitTask]:
@@ -256,16 +288,29 @@ def finish_part(out: Path, told: MinedPart, failed: dict[str, str]) -> MinedPart
     whole = with_fits(read_parquet(part / "scenarios.parquet"), out, failed)
     write_parquet(whole, part / ".scenarios.parquet")
     (part / ".scenarios.parquet").replace(part / "scenarios.parquet")
-    done = replace(told, files=_hashes(part))
-    _write_mark(done, part / PART)
+    finished = _write_mark(told, part / PART, out)
     (part / CUT).unlink()
-    return done
+    return finished
 
 
-def _write_mark(told: MinedPart, file: Path) -> None:
+def _write_mark(told: MinedPart, file: Path, out: Path) -> MinedPart:
+    """Write what is told of a part with the hashes of all its files; gives it with them."""
+    whole = replace(told, files={name: file_hash(out / name) for name in _files(told.recording, out)})
     beside = file.with_name(f".{file.name}")
-    write_json(sealed(to_json(told)), beside)
+    write_json(sealed(to_json(whole)), beside)
     beside.replace(file)
+    return whole
+
+
+def _files(recording: str, out: Path) -> Iterator[str]:
+    """The files of a part, seen from the study's folder: its tables, its scenarios, and JSCEN files that there are."""
+    yield from (f"parts/{recording}/{table}.parquet" for table in PART_TABLES)
+    rows = read_parquet(out / "parts" / recording / "scenarios.parquet")
+    for folder, file in zip(rows["folder"].fillna(""), rows["jscen"].fillna(""), strict=True):
+        if folder:
+            yield from (f"{folder}/{path.name}" for path in sorted((out / folder).iterdir()))
+        if file and (out / file).is_file():
+            yield file
 
 
 def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[str, str]) -> MinedPart:
@@ -276,6 +321,7 @@ def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[
     dt = np.where(same & on[1:], np.diff(samples.t), 0.0)
     way = np.where(same & on[1:], np.hypot(np.diff(samples.x), np.diff(samples.y)), 0.0)
     vehicles = samples.kinds(VEHICLES)
+    own = samples.owner[:-1] == samples.tracks.index(mined.recording.ego)
     per_ego = Counter(one.ego for one in mined.scenarios)
     drives = np.isin(samples.tracks.kind, list(VEHICLES)) & samples.tracks.valid.any(axis=1)
     counts = Counter(per_ego.get(int(row), 0) for row in np.flatnonzero(drives))
@@ -289,6 +335,9 @@ def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[
         vehicles_per_ego=_others(first[drives], last[drives]) if drives.any() else None,
         egos=tuple(counts.get(k, 0) for k in range(max(counts, default=-1) + 1)),
         lifetime=float((last - first)[drives].mean()) if drives.any() else None,
+        ego_hours=float(dt[own].sum()) / 3600.0, ego_kilometres=float(way[own].sum()) / 1000.0,
+        ego=mined.recording.ego, build=mined.recording.build, build_hash=mined.recording.build_hash,
+        map=map_folder(mined.recording.map),
     )  # fmt: skip
 
 

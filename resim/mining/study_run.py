@@ -1,38 +1,32 @@
-"""A study run: one recording after the other is mined in this process, then the scenarios of all fitted in many."""
+"""A study run: recordings are mined one after the other, then the scenarios of all are fitted in many processes."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from resim.core.errors import ResimError
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.mining.report import MinedFailure
 from resim.mining.scenario_files import FitTask, fit_scenario
-from resim.mining.study import MinedPart, StudyOptions, finish_part, mine_into, pending_fits
+from resim.mining.study import MinedPart, finish_part, pending_fits
 
 
-def mine_all(
-    named: Mapping[str, Path], out: Path, options: StudyOptions, workers: int
+def finished(
+    mined: Iterable[MinedPart | MinedFailure], out: Path, workers: int
 ) -> Iterator[MinedPart | MinedFailure]:
-    """Mine recordings by their names, and give each when it is finished, or why it is not.
+    """Give each recording when its scenarios are fitted, or why it is not mined.
 
     What is in memory does not grow with how many there are, but for a name and two paths of each scenario.
     """
     waiting: list[MinedPart] = []
-    for name, folder in named.items():
-        try:
-            with contextlib.chdir("."):
-                part = mine_into(folder, name, out, options)
-        except ResimError as e:
-            yield MinedFailure(name, str(folder), str(e))
-            continue
-        if pending_fits(out, name):
-            waiting.append(part)
+    for told in mined:
+        if isinstance(told, MinedFailure):
+            yield told
+        elif pending_fits(out, told.recording):
+            waiting.append(told)
         else:
-            yield finish_part(out, part, {})
+            yield finish_part(out, told, {})
     yield from _fitted(out, waiting, workers)
 
 

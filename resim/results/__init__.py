@@ -2,6 +2,7 @@
 
 from resim.results.folders import (
     ASSESSMENT,
+    COMPARISON,
     CONVERSION,
     EXPORT,
     HALF,
@@ -9,7 +10,9 @@ from resim.results.folders import (
     MODEL,
     PICTURE,
     PREDICTION,
+    RELEASE,
     RUN,
+    SPACE,
     SWEEP,
     SWEEP_REPORT,
     VERIFICATION,
@@ -35,6 +38,7 @@ from resim.results.writing import (
 
 __all__ = [
     "ASSESSMENT",
+    "COMPARISON",
     "CONVERSION",
     "EXPORT",
     "HALF",
@@ -42,7 +46,9 @@ __all__ = [
     "MODEL",
     "PICTURE",
     "PREDICTION",
+    "RELEASE",
     "RUN",
+    "SPACE",
     "SWEEP",
     "SWEEP_REPORT",
     "VERIFICATION",

@@ -57,16 +57,23 @@ SWEEP = FolderKind(
         "journal": re.compile(r"\d+-of-\d+\.jsonl(\.refused\d*)?"),
     },
 )
+VARIATIONS = FolderKind("variations.json", re.compile(r"variations\.(json|html)"))
 
 MINING = FolderKind(
     "mined.json",
-    re.compile(rf"\.?mined\.(json|html)|\.?(maneuvers|scenarios)\.parquet|{HALF.pattern}"),
+    re.compile(rf"\.?mined\.(json|html)|\.?(maneuvers|scenarios|slots)\.parquet|{HALF.pattern}"),
     deep={
-        "parts": re.compile(r"[^/]+/\.?((part|cut)\.json|(maneuvers|scenarios|overview)\.parquet)"),
+        "parts": re.compile(r"[^/]+/\.?((part|cut)\.json|(maneuvers|scenarios|overview|slots)\.parquet)"),
         "recordings": re.compile(r"[^/]+/(recording\.toml|(gt|sd|plan)\.(csv|parquet))"),
         "maps": re.compile(r"[^/]+/\.?[^/]+\.(xodr|jscen\.json)(\.\d+\.new)?"),
     },
 )
+
+SPACE = FolderKind(
+    "space.json", re.compile(rf"space\.(json|html)|cover\.(json|html)|members\.parquet|{HALF.pattern}")
+)
+RELEASE = FolderKind("release.json", re.compile(r"release\.(json|html)"))
+COMPARISON = FolderKind("comparison.json", re.compile(r"comparison\.(json|html)"))
 
 
 def check_output(folder: Path, kind: FolderKind = RUN, inputs: Iterable[Path] = ()) -> None:
@@ -158,10 +165,11 @@ def _strange(folder: Path, kind: FolderKind, listed: set[str]) -> Iterator[str]:
 
     for path in sorted(folder.iterdir()):
         within, deep = kind.inside.get(path.name), kind.deep.get(path.name, _NONE)
+        is_folder = path.is_dir() and not path.is_symlink()
         holds = path.name in kind.deep or (
-            within is None and any(name.startswith(f"{path.name}/") for name in listed)
+            is_folder and within is None and any(name.startswith(f"{path.name}/") for name in listed)
         )
-        if holds and path.is_dir() and not path.is_symlink():
+        if holds and is_folder:
             for file in sorted(path.rglob("*")):
                 name = file.relative_to(folder).as_posix()
                 known = name in listed or deep.fullmatch(file.relative_to(path).as_posix()) is not None
@@ -297,6 +305,7 @@ class FileKind:
 PAGE = FileKind((".html", ".htm"), (GENERATOR,))
 MODEL = FileKind((".json",), (f'"{get_args(PerceptionSchema)[0]}"', '"training"', '"trained on '))
 """A model that was trained, none that somebody wrote by hand."""
+KERNELS = FileKind((".json",), ('"resim-kernels-1"', '"checksum"'))
 PREDICTION = FileKind((".json",), ('"kinds"', '"fitted"', '"fitted to '))
 """A set that was fitted, likewise."""
 PICTURE = FileKind((".svg",), ('class="resim-scenario"',))

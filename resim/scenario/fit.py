@@ -9,6 +9,7 @@ Gauss-Newton needs a few steps of less than a millisecond.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PPoly
@@ -39,6 +40,24 @@ EXACT = 2e-3
 """m, a fifth of the error of reference sensors: a mean error below it needs no further segment."""
 
 
+_SAME_TIME = 1e-6
+Splines = tuple[Floats, Floats, Floats, Floats, complex]
+"""Knots and values of speed, the same of heading, and the start x + iy [m], as the kernel takes them."""
+
+
+class _SearchOptions(NamedTuple):
+    """How to search: noise of positions [m], as far as it is known; how many segments in a row may not help, more where
+    neighbouring errors are alike; and from where, even segments if None.
+    """
+
+    noise: float = 0.0
+    patience: int = 2
+    begin: Splines | None = None
+
+
+_PLAIN = _SearchOptions()
+
+
 @dataclass(frozen=True, eq=False)
 class TraceFit:
     """A fitted trace, and the distance (T,) [m] of each measured position from it."""
@@ -56,10 +75,36 @@ def fit_trace(t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> Tr
     """
     first = complex(x[0], y[0])
     found = _fitted(_exact(t, t - t[0]), _exact(x, x - x[0]) + 1j * _exact(y, y - y[0]), heading, v)
+    return _put_back(found, first, float(t[0]))
+
+
+def refit_trace(before: Trace, t: Floats, x: Floats, y: Floats, heading: Floats, v: Floats) -> TraceFit:
+    """Fit a trace to positions that are near another one's, from which the search starts (Wagner 2021, 6.1.3).
+
+    before: the other trace, at the same times from first to last. t: (T,) [s], x, y: (T,) [m], heading: (T,) [rad] and
+    v: (T,) [m/s] as for `fit_trace`. Its knots are kept where they are as good as ever, so that two traces that are
+    near each other have splines that are. Who stands, or was standing, is fitted anew.
+    """
+    first, place = complex(x[0], y[0]), _exact(x, x - x[0]) + 1j * _exact(y, y - y[0])
+    still = not np.any(before.v.c) or is_standing(place, position_noise(t, place))
+    if still or abs(t[0] - before.start) + abs(t[-1] - before.end) > _SAME_TIME:
+        return fit_trace(t, x, y, heading, v)
+    since = _exact(t, t - t[0])
+    turned = float(2.0 * np.pi * np.round((heading[0] - before.heading(t[0])) / (2.0 * np.pi)))
+    knots = [np.r_[one.x[:-1] - one.x[0], since[-1]] for one in (before.v, before.heading)]
+    values = before.v(before.v.x), before.heading(before.heading.x) + turned
+    begin = knots[0], values[0], knots[1], values[1], complex(before.x0, before.y0) - first
+    found = _solved(since, place, unwrap_angle(heading), v, _SearchOptions(begin=begin))
+    return _put_back(found, first, float(t[0]))
+
+
+def _put_back(found: TraceFit, first: complex, t0: float) -> TraceFit:
+    """A fit of places from the first and times since the first, where and when it was."""
     trace = found.trace
-    v_moved, heading_moved = (PPoly.construct_fast(one.c, one.x + t[0]) for one in (trace.v, trace.heading))
-    moved = Trace(trace.x0 + first.real, trace.y0 + first.imag, v_moved, heading_moved)
-    return TraceFit(moved, found.distance)
+    v_moved, heading_moved = (PPoly.construct_fast(one.c, one.x + t0) for one in (trace.v, trace.heading))
+    return TraceFit(
+        Trace(trace.x0 + first.real, trace.y0 + first.imag, v_moved, heading_moved), found.distance
+    )
 
 
 def _exact(values: Floats, differences: Floats) -> Floats:
@@ -77,29 +122,31 @@ def _fitted(t: Floats, place: Complexes, heading: Floats, v: Floats) -> TraceFit
     paused = (far or strayed) and has_pause(t, place, noise)
     if far or paused:  # headings of who hardly moves may be anything
         known = noise if paused else 0.0  # else they follow the noise of positions while it stands
-        again = _solved(t, place, *signed_motion(t, place, heading, noise), known, patience=6)
+        again = _solved(t, place, *signed_motion(t, place, heading, noise), _SearchOptions(known, 6))
         found = min(found, again, key=lambda fit: float(np.square(fit.distance).mean()))
     return found
 
 
 def _solved(
-    t: Floats, place: Complexes, heading: Floats, v: Floats, noise: float = 0.0, patience: int = 2
+    t: Floats, place: Complexes, heading: Floats, v: Floats, how: _SearchOptions = _PLAIN
 ) -> TraceFit:
-    """Add segments, halved where the error is largest, until they no longer help; then move the knots.
-
-    noise: of positions x + iy (T,) [m], as far as it is known. patience: how many segments in a row may not help, more
-    where neighbouring errors are alike.
-    """
+    """Add segments, halved where the error is largest, until they no longer help; then move the knots."""
     from resim.scenario import kernel  # compiled: numba is imported where it is used only
 
     rule = Quadrature.over(float(t[0]), t)
     measured = (t, place, heading, v, rule.nodes, rule.grid, rule.before, rule.own, rule.half)
-    span, noise = float(t[-1] - t[0]), max(noise, LEAST_NOISE)
+    span, noise = float(t[-1] - t[0]), max(how.noise, LEAST_NOISE)
     segments = max(1, round(span / SEGMENT))
     most = max(segments, min(int(span / kernel.MIN_SEGMENT), len(t) // 2))
-    best, off, error, mean = kernel.improved(measured, kernel.even(measured, segments), noise, 8, False)
+    if how.begin is not None:
+        most = max(most, len(how.begin[0]))
+    best, off, error, mean = kernel.improved(
+        measured, how.begin or kernel.even(measured, segments), noise, 8, False
+    )
     last, stalled, last_off = best, 0, off
-    while len(last[0]) <= most and mean > EXACT and stalled < (6 if _hangs_together(last_off) else patience):
+    while (
+        len(last[0]) <= most and mean > EXACT and stalled < (6 if _hangs_together(last_off) else how.patience)
+    ):
         noise = max(mean, LEAST_NOISE)
         last, last_off, error, last_mean = kernel.improved(
             measured, kernel.split(t, last, error), noise, 2, False

@@ -103,16 +103,16 @@ def vary(scenario: Scenario, network: RoadNetwork, object_id: str, parameter: st
     except ResimError as e:
         raise ResimError(f"object {object_id!r} {e}") from e
     x, y = path.xy(s, d)
-    moved = _moved(whole, t, x, y)
+    moved = moved_tracks(whole, t, x, y)
     if whole.z is not None:
-        moved = replace(moved, z=_heights(network, whole, moved))
+        moved = replace(moved, z=moved_heights(network, whole, moved))
     made = describe(moved, network, ego=object_id, map_name=scenario.map).ego
     made = replace(made, color=one.color, description=one.description)
     return replace(scenario, objects=(*scenario.objects[:row], made, *scenario.objects[row + 1 :]))
 
 
-def _heights(network: RoadNetwork, was: Tracks, moved: Tracks) -> Floats:
-    """Heights (1, T) [m] of the road where the object is now: of the lane nearest to its height before."""
+def moved_heights(network: RoadNetwork, was: Tracks, moved: Tracks) -> Floats:
+    """Give heights (1, T) [m] of the road where an object is now: of the lane nearest to its height before."""
     assert was.z is not None
     x, y, heading, z = moved.x[0], moved.y[0], moved.heading[0], was.z[0]
     at = network.to_road(x, y, heading=heading, z=z)
@@ -122,8 +122,8 @@ def _heights(network: RoadNetwork, was: Tracks, moved: Tracks) -> Floats:
     return np.where(np.abs(out - z) <= FARTHEST, out, np.nan)[None]
 
 
-def _moved(tracks: Tracks, t: Floats, x: Floats, y: Floats) -> Tracks:
-    """Tracks of one object that is elsewhere; standing, it looks as it did."""
+def moved_tracks(tracks: Tracks, t: Floats, x: Floats, y: Floats) -> Tracks:
+    """Give tracks of one object that is at x, y (T,) [m] at times t [s] instead; standing, it looks as it did."""
     vx, vy = np.gradient(x, t, edge_order=2), np.gradient(y, t, edge_order=2)
     v = np.hypot(vx, vy)
     heading = np.where(v > 0.1, np.arctan2(vy, vx), tracks.heading[0])

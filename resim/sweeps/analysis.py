@@ -14,7 +14,7 @@ from pydantic import MISSING
 
 from resim.core.geometry import Bools, Floats
 from resim.core.intervals import CONFIDENCE, GroupMean, means, shares
-from resim.core.schema import SweepReportSchema
+from resim.core.schema import VARIED_TRUST, SweepReportSchema
 from resim.sweeps.boundary import boundary
 from resim.sweeps.engines import is_repeated
 from resim.sweeps.plans.parameter import SweepParameter
@@ -42,6 +42,7 @@ from resim.sweeps.statistics.indices import Sensitivity
 from resim.sweeps.statistics.requirement import Requirement, Side, requirement
 from resim.sweeps.statistics.response import Levels, levels
 from resim.sweeps.statistics.sensitivity import ranges, ranking, sensitivity
+from resim.sweeps.varied import NUMBER
 
 SCHEMA: SweepReportSchema = "resim-sweep-report-1"
 DEMANDED = 0.95
@@ -72,6 +73,7 @@ def analyse(swept: SweepResult, place: str) -> SweepReport:
         repeated_in_sumo=_repeated(swept) if swept.file.engine == "direct" else MISSING,
         unpinned=tuple(sorted(rows["unpinned"].dropna().unique().tolist())) if "unpinned" in rows else (),
         handed_over=int((rows["handed_over"].fillna(0) > 0).sum()) if "handed_over" in rows else MISSING,
+        variations=_counts(rows[VARIED_TRUST].dropna().value_counts()) if VARIED_TRUST in rows else MISSING,
         parameters=tuple(_parameter(p) for p in swept.parameters),
         sections=tuple(_section(swept, part, place) for _, part in groups),
     )
@@ -183,7 +185,9 @@ def _outcome(o: SweepOutcome, points: SweepPoints, limit: str | None) -> Varying
             range=dict(zip(names, numbers(reach), strict=True)),
             sobol=None if index is None else _sobol(index, names),
         ),
-        requirements={names[i]: _requirements(o.y, points, i) for i in varied} if o.share else MISSING,
+        requirements={names[i]: () if names[i] == NUMBER else _requirements(o.y, points, i) for i in varied}
+        if o.share
+        else MISSING,
         map=drawn if o.share else MISSING,
         limit=limit,
     )

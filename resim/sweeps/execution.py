@@ -76,7 +76,18 @@ def inputs(sweep: Sweep, out: Path) -> SweepInputs:
         perception=None if seen is None else kept(seen.path, seen.hash),
         builds={name: build(sweep.frozen[name]) for name in file.build},
         recordings={name: kept(folder, sweep.hashes[name]) for name, folder in sweep.folders.items()},
+        kernels=MISSING
+        if sweep.varied is None
+        else kept(sweep.varied.kernels.path, sweep.varied.kernels.hash),
+        verified=_verified(sweep, kept),
     )
+
+
+def _verified(sweep: Sweep, kept: Callable[[Path, str], HashedFile]) -> HashedFile | MISSING:
+    """The verification that trust in variations is judged by."""
+    if sweep.varied is None or sweep.varied.verified is None:
+        return MISSING
+    return kept(sweep.varied.verified.path, sweep.varied.verified.hash)
 
 
 def begin(out: Path, told: SweepInputs, *, resume: bool) -> None:
@@ -283,6 +294,8 @@ def _plans(sweep: Sweep, wanted: pd.DataFrame) -> dict[int, str]:
     seen = sweep.perception
     files = [{name: frozen.hash for name, frozen in sweep.frozen.items()}, sweep.hashes, sweep.criteria.hash]
     content = [*files, None if seen is None else seen.hash, sweep.vehicle, to_json(sweep.file), versions()]
+    if sweep.varied is not None:
+        content += [sweep.varied.kernels.hash, sweep.varied.verified and sweep.varied.verified.hash]
     begun = zlib.crc32(json.dumps(content, sort_keys=True, default=str).encode())
     columns = [*DRAWN_COLUMNS, *(p.name for p in sweep.file.parameter)]
     rows = zip(wanted[RUN].tolist(), *(wanted[name].tolist() for name in columns), strict=True)
@@ -316,7 +329,7 @@ def tasks(sweep: Sweep, wanted: pd.DataFrame) -> Iterator[RunTask]:
         yield RunTask(
             number, sweep.folders[recording], sweep.hashes[recording], sweep.frozen[build], sweep.perception,
             sweep.criteria, file.accept, tuple(zip(names, values, strict=True)), seed, sweep.vehicle,
-            file.engine, file.repeated_in_sumo if file.engine == "direct" else 0.0, file.reacts,
+            file.engine, file.repeated_in_sumo if file.engine == "direct" else 0.0, file.reacts, sweep.varied,
         )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from resim.core.errors import InputError
-from resim.core.files import joined
+from resim.core.files import file_hash, joined
 from resim.core.geometry import Floats
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.schema import RUN, Row
@@ -28,6 +28,8 @@ from resim.simulation.vehicles.kinematic import Kinematic
 from resim.simulation.vehicles.registry import vehicle_model
 from resim.sweeps.plans.adaptive import Lattice, Places, boundary, wanted
 from resim.sweeps.sweep_file import Adaptive, SweepFile, read_sweep_file
+from resim.sweeps.varied import VariedRuns
+from resim.variations.kernels import read_kernels
 from resim.verification.suite import read_suite
 
 Indices = NDArray[Any]
@@ -41,7 +43,8 @@ class Sweep(Strict):
     """A sweep with its recordings found, by name.
 
     frozen: builds, model and criteria as they were when the sweep was read, by the names that its file has for them.
-    hashes: of the recordings' content at that time. vehicle: the model that moves the EGO.
+    hashes: of the recordings' content at that time. vehicle: the model that moves the EGO. varied: how recordings are
+    varied.
     """
 
     path: Path
@@ -50,6 +53,7 @@ class Sweep(Strict):
     frozen: dict[str, FrozenFile] = Field(default_factory=dict)
     hashes: dict[str, str] = Field(default_factory=dict)
     vehicle: str = Kinematic.name
+    varied: VariedRuns | None = None
 
     @property
     def perception(self) -> FrozenFile | None:
@@ -82,7 +86,23 @@ def read_sweep(path: Path, vehicle: str = Kinematic.name) -> Sweep:
     hashes = {name: content_hash(folder) for name, folder in folders.items()}
     for name, digest in pinned.items():
         refuse_changed(folders[name], digest)
-    return Sweep(path=path, file=file, folders=folders, frozen=frozen, hashes=hashes, vehicle=vehicle)
+    return Sweep(
+        path=path, file=file, folders=folders, frozen=frozen, hashes=hashes, vehicle=vehicle, varied=_varied(path, file)
+    )  # fmt: skip
+
+
+def _varied(path: Path, file: SweepFile) -> VariedRuns | None:
+    """How recordings are varied. Raises InputError for files that cannot be read."""
+    told = file.variation
+    if told is None:
+        return None
+    kernels = joined(path, told.kernels)
+    verified = None if told.verified is None else joined(path, told.verified)
+    read_kernels(kernels)
+    return VariedRuns(
+        told, FrozenFile(kernels, file_hash(kernels)),
+        None if verified is None else FrozenFile(verified, file_hash(verified)),
+    )  # fmt: skip
 
 
 def _count(file: SweepFile, recordings: int) -> int:

@@ -20,7 +20,7 @@ SCHEMA: SweepSchema = "resim-sweep-1"
 class SweepInputs:
     """Everything that the results follow from: what the sweep's file says, and hashes; paths from the folder.
 
-    builds: by what the file calls them; recordings: by name.
+    builds: by what the file calls them; recordings: by name. kernels, verified: of variations, where there are any.
     """
 
     sweep: SweepFile
@@ -29,6 +29,8 @@ class SweepInputs:
     perception: HashedFile | None
     builds: Mapping[str, NamedBuild]
     recordings: Mapping[str, HashedFile]
+    kernels: HashedFile | MISSING = MISSING
+    verified: HashedFile | MISSING = MISSING
 
 
 @dataclass(frozen=True)

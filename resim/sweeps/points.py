@@ -99,6 +99,10 @@ def failed(rows: pd.DataFrame) -> pd.Series[bool]:
 def label(name: str) -> str:
     """Give a parameter's name in words."""
     kind, *parts = name.split(".")
+    if kind == "variation":
+        return (
+            "number of the variation" if parts == ["number"] else f"component {parts[0][1:]} of the variation"
+        )
     words = [part.replace("_", " ") for part in parts]
     if kind != "perception":
         return " ".join([*words, "of the function" if kind == "function" else "of the build"])
@@ -114,4 +118,6 @@ def unit_of(name: str) -> str:
     """Give a parameter's unit, "" where the project does not know it."""
     if name.startswith("perception."):
         return unit(name.removeprefix("perception."))
+    if name.startswith("variation.c"):
+        return "sd"
     return "s" if name == "build.cycle_time" else ""

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pydantic import MISSING
 
 from resim.core.errors import InputError, ResimError
+from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
 from resim.execution.child import Failure
@@ -33,6 +35,7 @@ from resim.simulation.vehicles.registry import vehicle_model
 from resim.sweeps.one_run import RATE
 from resim.sweeps.result import SweepResult
 from resim.sweeps.tasks import RunTask, run, swept_model, with_values
+from resim.sweeps.varied import VariedRuns
 from resim.verification.inputs import HashedFile
 
 LONGEST = 600.0
@@ -70,7 +73,19 @@ def task_of(swept: SweepResult, number: int, vehicle: str | None = None) -> RunT
     return RunTask(
         number, held["recording"].path, held["recording"].hash, held["build"], held.get("perception"),
         held["criteria"], file.accept, values, int(row["seed"]),
-        vehicle or swept.inputs.vehicle, file.engine, traffic=file.reacts,
+        vehicle or swept.inputs.vehicle, file.engine, traffic=file.reacts, varied=_varied(swept),
+    )  # fmt: skip
+
+
+def _varied(swept: SweepResult) -> VariedRuns | None:
+    """How recordings are varied, as long as what says so is what it was."""
+    told, inputs = swept.file.variation, swept.inputs
+    if told is None or inputs.kernels is MISSING:
+        return None
+    verified = inputs.verified
+    return VariedRuns(
+        told, _unchanged(swept.folder, inputs.kernels, file_hash),
+        None if verified is MISSING else _unchanged(swept.folder, verified, file_hash),
     )  # fmt: skip
 
 
@@ -121,6 +136,8 @@ def other_versions(swept: SweepResult) -> list[str]:
 
 def write_traces(task: RunTask, out: Path) -> str | None:
     """Write what `resim run` writes of this run, traces and report, into a folder; give why not, where it crashes."""
+    if task.varied is not None:
+        return "a run of a variation is repeated, but its traces are not written"
     _, result = next(run_all(_write, [TraceTask(task, out)], workers=1, time_limit=LONGEST))
     return result.reason if isinstance(result, Failure) else None
 

@@ -196,6 +196,19 @@ class WorstRun:
     command: str
 
 
+def variation_notes(found: SweepReport) -> tuple[str, ...]:
+    """Say how many runs are of variations that no verification legitimises, if there are variations."""
+    if found.variations is MISSING:
+        return ()
+    total, inside = sum(found.variations.values()), found.variations.get("inside", 0)
+    if inside == total:
+        return (f"all {total} runs are of variations within the verified range of their origin",)
+    told = ", ".join(f"{n} {level}" for level, n in found.variations.items())
+    return (
+        f"{total - inside} of {total} runs are not legitimised by a verified range of their origin ({told})",
+    )
+
+
 def traffic_notes(found: SweepReport) -> tuple[str, ...]:
     """Say in how many runs traffic left its traces, if it could."""
     if found.handed_over is MISSING:
@@ -250,7 +263,7 @@ class SweepReport:
 
     repeated_in_sumo: how many runs of the engine "direct" were; one that is not the same there ends the sweep.
     unpinned: what the code under test asked that its hash does not know. handed_over: in how many runs traffic that
-    reacts left its traces.
+    reacts left its traces. variations: how many runs are of variations with which trust.
     """
 
     __pydantic_config__ = EXACT
@@ -267,5 +280,6 @@ class SweepReport:
     repeated_in_sumo: int | MISSING = MISSING
     unpinned: tuple[str, ...] = ()
     handed_over: int | MISSING = MISSING
+    variations: Mapping[str, int] | MISSING = MISSING
     parameters: tuple[SweptParameter, ...]
     sections: tuple[SweepSection, ...]

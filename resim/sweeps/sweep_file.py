@@ -16,6 +16,7 @@ from resim.recordings.listed import RecordingEntry
 from resim.simulation.reactive.settings import WithTraffic
 from resim.sweeps.plans.parameter import SweepParameter
 from resim.sweeps.plans.registry import PLANS, SweepPlan
+from resim.variations.swept import SweepVariation
 
 EXAMPLE = remedies.SWEEP
 EngineName = Literal["sumo", "direct"]
@@ -62,7 +63,7 @@ class SweepFile(WithTraffic):
     them; the most of an adaptive one. seed: of what is drawn. seeds: runs of each point. time_limit: s of wall clock
     for one run. adaptive: of the plan of that name. engine: "direct" runs without a simulator, which gives the same
     and is faster; the first of its runs, and this share of all, is repeated in SUMO: one that differs ends the sweep.
-    traffic, reactive: how traffic moves.
+    traffic, reactive: how traffic moves. variation: how recordings are varied, where parameters are of variations.
     """
 
     name: str = Field(min_length=1)
@@ -80,6 +81,7 @@ class SweepFile(WithTraffic):
     seeds: int = Field(strict=True, default=5, ge=1, le=100_000)
     time_limit: float = Field(strict=True, default=60.0, ge=0.001, le=1e6)
     accept: tuple[str, ...] = ()
+    variation: SweepVariation | None = None
     parameter: tuple[SweepParameter, ...] = Field(min_length=1)
 
     @property
@@ -100,4 +102,27 @@ def read_sweep_file(path: Path) -> SweepFile:
         raise InputError(path, f"parameter {twice[0]!r} is a duplicate", "Take one away.")
     if file.perception is None and (of := [name for name in names if name.startswith("perception.")]):
         raise InputError(path, f"parameter {of[0]!r} without a model", "Name one with perception = ...")
+    _check_variations(path, file)
     return file
+
+
+def _check_variations(path: Path, file: SweepFile) -> None:
+    """Raise InputError for parameters of variations that are none, or that nothing says how to vary."""
+    of = [p for p in file.parameter if p.name.startswith("variation.")]
+    if bool(of) == (file.variation is None):
+        problem = (
+            f"parameter {of[0].name!r} without [variation]" if of else "[variation] without a parameter of it"
+        )
+        raise InputError(path, problem, EXAMPLE)
+    for p in of:
+        if p.name == "variation.number":
+            levels = p.levels() if file.plan in ("grid", "one_at_a_time") or p.values else None
+            if levels is None or (levels < 0.0).any() or (levels != levels.round()).any():
+                problem = (
+                    f"parameter {p.name!r}: expected whole numbers from 0 on, of a grid or one at a time"
+                )
+                raise InputError(path, problem, EXAMPLE)
+        elif not p.name.removeprefix("variation.c").isdigit():
+            raise InputError(
+                path, f"parameter {p.name!r}: there are variation.number and variation.c1, c2, ...", EXAMPLE
+            )

@@ -22,6 +22,7 @@ from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.engines import ENGINES, Fingerprint, is_repeated
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_together
 from resim.sweeps.sweep_file import EngineName
+from resim.sweeps.varied import VariedRuns, vary_recording
 
 PRELOADED = ("resim.resimulation.run",)
 """What a child has before it starts."""
@@ -34,7 +35,7 @@ class RunTask:
     """One run: `values` are of the parameters that are swept. hash: of the recording's content. vehicle: its model.
 
     engine: what simulates it. traffic: how it reacts, None where it does not. repeated: the share of runs with a
-    fingerprint, as they are repeated in SUMO.
+    fingerprint, as they are repeated in SUMO. varied: how the recording is varied, None where it is not.
     """
 
     run: int
@@ -50,6 +51,7 @@ class RunTask:
     engine: EngineName = "sumo"
     repeated: float = 0.0
     traffic: ReactiveSettings | None = None
+    varied: VariedRuns | None = None
 
 
 RunBatch = tuple[RunTask, ...]
@@ -82,6 +84,10 @@ def run(tasks: RunBatch) -> tuple[RunResult, ...]:
     """Do runs that are alike (`in_batches`), at once where their engine and function can."""
     task = tasks[0]
     prepared = _prepared(task.folder, task.hash, task.criteria, task.accept)
+    told: Row = {}
+    if task.varied is not None:
+        varied, told = vary_recording(prepared.recording, task.hash, task.varied, dict(task.values))
+        prepared = replace(prepared, recording=varied)
     build = with_values(_build(task.build), task.values)
     sensed = [(swept_model(one.perception, one.values), one.seed) for one in tasks]
     begin = time.perf_counter()
@@ -91,7 +97,7 @@ def run(tasks: RunBatch) -> tuple[RunResult, ...]:
     findings = finding_lines(prepared.recording.recording.findings)
     drawn = [is_repeated(d.case.hash, one.run, one.repeated) for one, (d, _) in zip(tasks, done, strict=True)]
     return tuple(
-        RunResult(row, taken, findings, drive.fingerprint() if again else None)
+        RunResult({**row, **told}, taken, findings, drive.fingerprint() if again else None)
         for (drive, row), again in zip(done, drawn, strict=True)
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -33,6 +33,7 @@ class File(BaseModel):
     parts: list[Part] = Field(default=[], max_length=2)
     needed: tuple[Part, ...] = Field(default=(Part(length=1.0),), min_length=1)
     quiet: bool = False
+    outputs: dict[Literal["acceleration", "curvature"], str] = {}
 
 
 @pytest.mark.parametrize(
@@ -55,6 +56,8 @@ class File(BaseModel):
         ({"name": "a", "needed": []}, "needed: expected at least 1 item, found 0"),
         ({"name": "a", "needed": [{"length": 0.0}]}, "needed.0.length: expected more than 0, found 0.0"),
         ({"name": 1, "quiet": []}, "name: expected text, found 1; quiet: expected true or false"),
+        ({"name": "a", "outputs": {"acceleratoin": "x"}}, "outputs: a name is 'acceleratoin', expected "
+         "'acceleration' or 'curvature', did you mean 'acceleration'?"),
         ([1], "the whole: expected a table"),
     ],
 )  # fmt: skip

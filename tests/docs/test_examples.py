@@ -22,6 +22,7 @@ from recordings.mapped.strangers import LON_0, convergence, geographic
 
 from resim.core.geometry import to_frame
 from resim.jobs.function import check_function
+from resim.jobs.space import read_space_settings
 from resim.metrics.criteria import read_criteria
 from resim.perception.model import read_model
 from resim.recordings import read_recording
@@ -37,6 +38,7 @@ from resim.simulation.function.interface import (
     Setup,
     load_build,
 )
+from resim.simulation.naturalistic.settings import read_naturalistic
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.sweeps.engines import ENGINES, what_differs
 from resim.sweeps.one_run import prepare_sweep, run_together
@@ -67,6 +69,9 @@ RUN_HERE = {
     "recording.toml",
     "mapping.toml",
     "mine.toml",
+    "neighbours.toml",
+    "space.toml",
+    "ego.toml",
 }
 RUN_ELSEWHERE = {
     "agent.py",
@@ -421,7 +426,14 @@ def test_drives_whose_truth_is_known_are_made_as_the_guide_says(
     for path in (ROOT / "scenarios" / "catalog" / "generate").glob("highway_lead_c*.toml"):
         shutil.copy(path, some)
     less = {"0.05": "0.003", "scenarios/catalog/generate": "some/of/these"}
-    said = {"out/cut_in": 1, "out/kinds": 3, "out/traffic": 1, "out/town": 2, "out/augmented": 5}
+    said = {
+        "out/cut_in": 1,
+        "out/kinds": 3,
+        "out/traffic": 1,
+        "out/drives": 1,
+        "out/town": 2,
+        "out/augmented": 5,
+    }
     for words in pages.commands(page):
         done(*(less.get(word, word) for word in words[1:]))
         if words[1] in ("generate", "traffic", "augment"):
@@ -433,6 +445,16 @@ def test_drives_whose_truth_is_known_are_made_as_the_guide_says(
     truth = pd.read_csv("out/cut_in/truth.csv")
     assert truth["label"].tolist() == ["speeding", "lane_change_right", "cut_in_right"]
     assert truth["t"].to_numpy() == pytest.approx([0.0, 3.35, 3.3], abs=0.1)
+
+
+def test_settings_of_the_space_and_of_traffic_with_an_ego_are_read(tmp_path: Path) -> None:
+    file = tmp_path / "space.toml"
+    file.write_text(example(GUIDES / "space.md", "space.toml"))
+    assert read_space_settings(file).distance.warp == 2.0
+    traffic = tmp_path / "ego.toml"
+    shipped = (ROOT / "scenarios" / "traffic" / "motorway.toml").read_text()
+    traffic.write_text(f"{shipped}\n{example(GUIDES / 'generate.md', 'ego.toml')}")
+    assert read_naturalistic(traffic).ego.sight == 120.0
 
 
 def test_reactive_traffic_is_as_its_file_says(tmp_path: Path) -> None:
@@ -458,3 +480,12 @@ def test_reactive_traffic_is_as_its_file_says(tmp_path: Path) -> None:
         2.0,
         1.2,
     )
+
+
+def test_the_settings_of_variations_are_read(tmp_path: Path) -> None:
+    from resim.variations.settings import read_variation_settings
+
+    path = tmp_path / "neighbours.toml"
+    path.write_text(example(ROOT / "docs" / "formats" / "variation.md", path.name), encoding="utf-8")
+    found = read_variation_settings(path)
+    assert ([one.name for one in found.vehicle], found.box, found.limits.braking) == (["van"], 0.005, 9.0)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import DATA, ROOT
+from exports.drives import MAP, assert_same, recordings
+from hypothesis import HealthCheck, given, settings
 
 from resim.core.tracks import Tracks
 from resim.exports.openlabel import labels
@@ -16,12 +19,56 @@ from resim.recordings import Recording, read_commonroad, read_recording
 from resim.road.opendrive import load
 
 core = pytest.importorskip("openlabel_checker.core")
-MAP = ROOT / "networks" / "proving_ground.xodr"
+
+TYPES = {
+    "VehicleCar": "car", "VehicleTruck": "truck", "VehicleBus": "bus", "VehicleCycle": "bicycle",
+    "HumanPedestrian": "pedestrian", "RoadUser": "unknown",
+}  # fmt: skip
 
 
 def issues(file: Path) -> list[str]:
     """What the checker says."""
     return [issue.message for issue in core.check_file(str(file)).issues]
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow], max_examples=40)
+@given(recording=recordings())
+def test_what_goes_out_is_read_as_it_was(recording: Recording) -> None:
+    """States to 1e-6 m, and times to what a number of 64 bits holds, as somebody reads them who has the file alone."""
+    drive = recorded_drive(recording, load(MAP))
+    for layer in drive.layers:
+        told = json.loads(json.dumps(labels(layer, drive)))["openlabel"]
+        true = layer.tracks
+        lacks = {name for name in ("z",) if true.z is None or np.isnan(true.z[true.valid]).any()}
+        found = tracks_of(told)
+        assert_same(Tracks(**{**vars(found), **dict.fromkeys(lacks)}), true, 0.0)
+
+
+def tracks_of(told: dict[str, Any]) -> Tracks:
+    """What labels say of everybody."""
+    uids, frames = [*told["objects"]], [told["frames"][str(k)] for k in range(len(told["frames"]))]
+    boxes = np.full((len(uids), len(frames), 10), np.nan)
+    more: dict[str, np.ndarray] = {}
+    for k, frame in enumerate(frames):
+        for uid, one in frame["objects"].items():
+            data = one["object_data"]
+            boxes[uids.index(uid), k, :9] = data["cuboid"][0]["val"]
+            for number in data["num"]:
+                column = more.setdefault(number["name"], np.full(boxes.shape[:2], np.nan))
+                column[uids.index(uid), k] = number["val"]
+    objects = [told["objects"][uid] for uid in uids]
+    for row, one in zip(boxes, objects, strict=True):
+        inside = np.zeros(len(frames), dtype=bool)
+        for span in one["frame_intervals"]:
+            inside[span["frame_start"] : span["frame_end"] + 1] = True
+        np.testing.assert_array_equal(inside, ~np.isnan(row[:, 0]))
+    return Tracks(
+        t=np.array([float(frame["frame_properties"]["timestamp"]) for frame in frames]),
+        ids=np.array([one["name"] for one in objects]), kind=np.array([TYPES[one["type"]] for one in objects]),
+        x=boxes[..., 0], y=boxes[..., 1], z=boxes[..., 2] - 0.5 * boxes[..., 8], heading=boxes[..., 5],
+        length=np.nanmax(boxes[..., 6], axis=1), width=np.nanmax(boxes[..., 7], axis=1),
+        valid=~np.isnan(boxes[..., 0]), v=more.pop("v"), **more,
+    )  # fmt: skip
 
 
 def test_a_result_is_labelled(result: Path, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import math
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,36 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from resim.exports import mcap, osi
+
+
+def test_sensor_data_without_the_ego_in_some_lists_come_in_where_they_were(tmp_path: Path) -> None:
+    """The EGO takes itself to be 1.5 m behind: lists that do not say so are seen from where it is."""
+    t = np.arange(0.0, 5.9, 0.1)
+    row = np.stack([90.0 + 20.0 * t, 50.0 + 20.0 * t])
+    same = {"kind": np.array(["car", "car"]), "heading": 0.0 * row, "v": 0.0 * row + 20.0}
+    sizes = {"length": np.array([4.5, 4.5]), "width": np.array([1.8, 1.8])}
+    gt = Tracks(
+        t=t,
+        ids=np.array(["1", "ego"]),
+        x=row,
+        y=0.0 * row - 5.25,
+        valid=np.ones(row.shape, bool),
+        **same,
+        **sizes,
+    )
+    there = np.ones(row.shape, dtype=bool)
+    there[1, 3::5], there[1, 40:46] = False, False
+    columns = {name: np.where(there, getattr(gt, name), np.nan) for name in ("x", "y", "heading", "v")}
+    sd = replace(gt, **{**columns, "x": columns["x"] - 1.5}, valid=there)
+    recording = Recording("r", MAP, "ego", gt, 10.0, sd=sd, sd_rate=10.0, sd_gt_id=np.array(["1", "ego"]))
+    osi.write(recorded_drive(recording, load(MAP)), tmp_path)
+    found = recording_of(
+        read_osi(tmp_path / "GT.osi", map=MAP, ego="ego", sd=tmp_path / "SD.osi"), lenient=True
+    ).sd
+    assert found is not None
+    np.testing.assert_allclose(found.t, t, atol=1e-9)
+    np.testing.assert_allclose(found.x[found.index("1")], sd.x[0], atol=1e-6)
+    assert found.valid[1 - found.index("1")].tolist() == there[1].tolist()
 
 
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])

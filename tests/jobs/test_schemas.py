@@ -47,7 +47,8 @@ def valid(name: str, said: Any) -> bool:
 SHIPPED = {
     "recording": [*ROOT.glob("scenarios/**/recording.toml")],
     "build": [*ROOT.glob("adfunc/builds/*.toml")],
-    "criteria": [*ROOT.glob("scenarios/criteria/*.toml")],
+    "criteria": [one for one in ROOT.glob("scenarios/criteria/*.toml") if one.name != "release.toml"],
+    "release_limits": [ROOT / "scenarios" / "criteria" / "release.toml"],
     "suite": [*ROOT.glob("scenarios/suites/*.toml")],
     "sweep": [*ROOT.glob("scenarios/sweeps/*.toml")],
     "recipe": [*ROOT.glob("scenarios/catalog/generate/*.toml")],

@@ -102,7 +102,7 @@ def test_bad_recordings_are_told_of_and_the_others_are_mined(tmp_path: Path, dri
     assert len(heard) == 5
     page = (tmp_path / "out" / "mined.html").read_text("utf-8")
     assert "not mined" in page
-    assert "drive_a_1" in page
+    assert "drive+a+1" in page
     with pytest.raises(InputError, match="no recording could be mined"):
         mine([broken], tmp_path / "none")
 

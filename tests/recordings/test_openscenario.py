@@ -324,6 +324,47 @@ def test_who_is_put_relative_to_others_at_the_start_is_there_wherever_it_stands_
     assert (to.real, to.imag) == (pytest.approx(-10.0), pytest.approx(2.0))
 
 
+@pytest.mark.parametrize(("ds", "dt"), [(30.0, -3.5), (-12.5, 0.25), (0.0, 0.0)])
+def test_who_is_put_relative_to_others_along_the_road_is_there(home: Path, ds: float, dt: float) -> None:
+    init = {
+        "second": teleport(relative("Road", ds=ds, dt=dt)) + relative_speed(-5),
+        "Ego": teleport(LANE_PLACE.format(s=100, offset=0.4).replace(f'laneId="{LANE}"', 'laneId="-1"'))
+        + speed("20"),
+    }
+    gt = read(home, scenario(init, entities="".join(entity(name, x=0.0) for name in init)))
+    (_, x, y, heading, v), (_, x0, y0, heading0, _) = of(gt, "second"), of(gt, "Ego")
+    turned = np.exp(-1j * heading0[0])  # the road is straight
+    to = (x[0] - x0[0] + 1j * (y[0] - y0[0])) * turned
+    assert (to.real, to.imag) == (pytest.approx(ds, abs=1e-9), pytest.approx(dt, abs=1e-9))
+    assert (v[0], heading[0]) == (15.0, pytest.approx(heading0[0]))
+
+
+def test_along_a_lane_that_widens_players_differ(tmp_path: Path) -> None:
+    """Two lanes of a road along x, of which the inner one is 3 m wide at 0 m, and 4 m wide from 100 m on."""
+    lane = (
+        '<lane id="{}" type="driving" level="false"><width sOffset="0" a="{}" b="{}" c="0" d="0"/>{}</lane>'
+    )
+    wide = '<width sOffset="100" a="4" b="0" c="0" d="0"/>'
+    lanes = f"<right>{lane.format(-1, 3, 0.01, wide)}{lane.format(-2, 3, 0, '')}</right>"
+    (tmp_path / "road.xodr").write_text(
+        '<OpenDRIVE><header revMajor="1" revMinor="4"/><road id="1" length="400" junction="-1" name=""><planView>'
+        '<geometry s="0" x="0" y="0" hdg="0" length="400"><line/></geometry></planView><lanes><laneSection s="0">'
+        f'<center><lane id="0" type="none" level="false"/></center>{lanes}</laneSection></lanes></road></OpenDRIVE>',
+        encoding="utf-8",
+    )
+    for begin, held in ((150, True), (50, False)):
+        place = f'<Position><LanePosition roadId="1" laneId="-2" s="{begin}"/></Position>'
+        init = {"Ego": teleport(place), "b": teleport(relative("Road", ds=40, dt=1.5))}
+        if held:
+            (_, x, y, *_) = of(
+                read(tmp_path, scenario(init, entities=entity("Ego", x=0.0) + entity("b", x=0.0))), "b"
+            )
+            assert (x[0], y[0]) == (pytest.approx(190.0), pytest.approx(-4.0))
+        else:
+            with pytest.raises(InputError, match=r"of lane -2 of road 1 from -5 to -5.4 m"):
+                read(tmp_path, scenario(init, entities=entity("Ego") + entity("b")))
+
+
 def test_where_a_lane_forks_the_player_decides_and_where_it_ends_so_does_the_track(tmp_path: Path) -> None:
     """120 m of road 1 to the junction; from road 10, which leads straight on, 140 m to the end of the map."""
     write_junction(tmp_path / "road.xodr")
@@ -585,6 +626,12 @@ REFUSED = {
     ),
     "RelativeLanePosition[@entityRef='Ego'] is not read: players differ": scenario(
         {"Ego": teleport(world(0.0, 0.0)), "b": teleport(relative("Lane", dLane=0, ds=1))}
+    ),
+    "RelativeRoadPosition[@entityRef='Ego'] is not read: players differ": scenario(
+        {"Ego": teleport(world(0.0, 0.0)), "b": teleport(relative("Road", dt=0, ds=1))}
+    ),
+    "RelativeRoadPosition[@entityRef='Ego'] leads to lane": scenario(
+        {**DRIVING, "b": teleport(relative("Road", dt=0, ds=-2))}
     ),
     "RelativeObjectPosition[@entityRef='b'] is not read": scenario(
         {"Ego": teleport(relative("Object", "b", dx=1, dy=1)), "b": teleport(relative("Object", dx=1, dy=1))}

@@ -4,7 +4,7 @@
 #include <unistd.h>
 
 enum { V, GAP, LEAD_V, TIME_GAP, A, COUNT };
-typedef struct { double real[COUNT]; int exists, fault, steps; } Unit;
+typedef struct { double real[COUNT]; int exists, fault, steps; const fmi2CallbackFunctions *host; } Unit;
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 const char *fmi2GetVersion(void) { return fmi2Version; }
@@ -12,6 +12,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging) {
     Unit *unit = calloc(1, sizeof(Unit));
     unit->real[TIME_GAP] = 1.5;
+    unit->host = functions;
     return unit;
 }
 void fmi2FreeInstance(fmi2Component c) { free(c); }
@@ -48,7 +49,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real step, fmi2Boolean no
     if (++unit->steps == 20) {
         if (unit->fault == 1) abort();
         if (unit->fault == 2) sleep(1000);
-        if (unit->fault == 3) return fmi2Error;
+        if (unit->fault == 3) {
+            const char *why = "no\tplan for a gap of %s at step %d";
+            unit->host->logger(0, "function", fmi2Error, "error", why, "80 m", unit->steps);
+            return fmi2Error;
+        }
     }
     return fmi2OK;
 }

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 enum { V, GAP, LEAD_V, TIME_GAP, A, COUNT };
-typedef struct { double real[COUNT]; fmi3Boolean exists; } Unit;
+typedef struct { double real[COUNT]; fmi3Boolean exists; fmi3LogMessageCallback say; } Unit;
 
 const char *fmi3GetVersion(void) { return fmi3Version; }
 fmi3Instance fmi3InstantiateCoSimulation(
@@ -12,6 +12,7 @@ fmi3Instance fmi3InstantiateCoSimulation(
     fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update) {
     Unit *unit = calloc(1, sizeof(Unit));
     unit->real[TIME_GAP] = 1.5;
+    unit->say = log;
     return unit;
 }
 void fmi3FreeInstance(fmi3Instance c) { free(c); }

@@ -161,7 +161,7 @@ def test_the_guides_example_holds(unit2: Path) -> None:
     [
         (1, "ended its process by SIGABRT"),
         (2, "did not answer within 0.5 s"),
-        (3, "failed: FMICallException"),
+        (3, "fmi2DoStep gave the status 3 (error); the unit says: no plan for a gap of 80 m at step 20"),
     ],
 )
 def test_what_a_unit_does_costs_its_run(unit2: Path, tmp_path: Path, fault: int, why: str) -> None:
@@ -200,7 +200,35 @@ def test_a_unit_that_fails_to_terminate_is_told_by_its_error(tmp_path: Path) -> 
     end = "fmi2Terminate(fmi2Component c) { return fmi2"
     done = run(unit(tmp_path, change=(f"{end}OK", f"{end}Error")), tmp_path / "out")
     assert done.returncode == 3
-    assert "on closing failed: FMICallException" in done.stderr, done.stderr
+    assert "on closing failed: RuntimeError: fmi2Terminate gave the status 3 (error)" in done.stderr, (
+        done.stderr
+    )
+
+
+def test_what_a_unit_says_is_kept_with_its_run(unit2: Path, tmp_path: Path) -> None:
+    run(build(unit2.parent, "time_limit = 0.5", "fault = 3"), tmp_path / "out")
+    words = (tmp_path / "out" / "rGT.words.txt").read_text(encoding="utf-8")
+    assert "the unit, error: no plan for a gap of 80 m at step 20" in words
+
+
+SAY = 'static int k; if (k++ > 9) {{ ((Unit *)c)->say(0, {}, "all", {}); return {}; }}' + STEP
+MADE = "    unit->real[TIME_GAP] = 1.5;\n"
+SAID = [
+    (3, (STEP, SAY.format("fmi3Error", '"no gap"', 3)), "3 (error); the unit says: no gap"),
+    (3, (STEP, SAY.format("fmi3OK", '"well"', 3)), "fmi3DoStep gave the status 3 (error)"),
+    (3, (STEP, SAY.format("fmi3Warning", "0", 4)), "fmi3DoStep gave the status 4 (fatal)"),
+    (3, (STEP, SAY.format("9", '"\\xff"', 2)), "2 (discard); the unit says: \ufffd"),
+    (2, (MADE, MADE + 'functions->logger(0, name, fmi2Fatal, "all", "no %s", "key"); return 0;'),
+     "the unit made no instance; the unit says: no key"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("version", "change", "why"), SAID)
+def test_the_last_complaint_of_a_unit_is_told_with_the_call_that_fails(
+    tmp_path: Path, version: int, change: tuple[str, str], why: str
+) -> None:
+    checks = check_function(unit(tmp_path, version, change=change)).checks
+    assert any(why in check.found for check in checks if not check.holds), checks
 
 
 def test_a_library_that_cannot_be_loaded_costs_the_run(tmp_path: Path) -> None:
@@ -217,10 +245,12 @@ WRONG = {
     "'in_km_h' has the unit km/h, expected m/s": ("v_lead =", "in_km_h ="),
     "'gap' has the unit m, expected m/s": ('"lead.gap"', '"lead.v"'),
     "acceleration is missing": ("acceleration =", "curvature ="),
+    "fmi.outputs: a name is 'accel', expected 'acceleration' or 'curvature'": ("acceleration =", "accel ="),
+    '[fmi] has file = "unit.fmu"; [fmi.inputs] variable': ("file =", "fil ="),
     "the unit has no parameter 'time_gab', did you mean 'time_gap'?": ("time_gap", "time_gab"),
     "time_gap = 'long', expected a number of type Real": ("time_gap = 1.2", 'time_gap = "long"'),
     "'../follow.fmu' is not beside the build file": ('"follow.fmu"', '"../follow.fmu"'),
-    "'other.fmu' is not a file beside it": ('"follow.fmu"', '"other.fmu"'),
+    "fmi.file: 'other.fmu' is not a file beside it": ('"follow.fmu"', '"other.fmu"'),
 }
 
 

@@ -315,8 +315,27 @@ def test_what_cannot_be_served_is_refused(process: Path, call: Callable[..., tup
     code, _, told = call("function", "serve", process, "--address", "nowhere")
     assert (code, "expected host:port" in told) == (2, True), told
     with server(process) as (address, _):
-        code, _, told = call("function", "serve", process, "--address", address)
-    assert (code, f"cannot listen on '{address}'" in told) == (2, True), told
+        done = subprocess.run(
+            [sys.executable, "-m", "resim", "function", "serve", process, "--address", address],
+            capture_output=True, text=True, check=False, timeout=100, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+    assert done.returncode == 2
+    said = f"cannot listen on '{address}': another program listens there. End it, or give another port"
+    assert done.stderr.startswith(f"resim: --address: {said}"), (
+        done.stderr
+    )  # the library's own log is not there
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [("192.0.2.1:50051", "it is no address of this machine"), ("no.invalid:50051", "there is no such host")],
+)
+def test_where_nobody_can_listen_is_told(
+    process: Path, call: Callable[..., tuple[int, str, str]], address: str, why: str
+) -> None:
+    code, _, told = call("function", "serve", process, "--address", address)
+    assert (code, why in told, "127.0.0.1" in told) == (2, True, True), told
 
 
 def test_the_example_container_serves(tmp_path: Path) -> None:

@@ -103,6 +103,35 @@ def eight_vehicles(
     return EightVehicles(held, offset)
 
 
+class BetweenSamples(NamedTuple):
+    """Vehicles (P,) at moments between samples: number of the moment, in order; the sample before; s, u [m] there."""
+
+    moment: Ints
+    sample: Ints
+    s: Floats
+    u: Floats
+
+
+def eight_vehicles_between(
+    between: BetweenSamples, order: LaneOrder, samples: Samples, lanes: MinedLanes, reach: SlotReach
+) -> EightVehicles:
+    """Give who holds the slots at moments between samples (P, 8), each vehicle on the lane of the sample before."""
+    # compiled: numba is imported where it is used only
+    from resim.mining.surroundings import kernel
+
+    k = between.sample
+    on = np.flatnonzero(order.row >= 0)
+    run, runs = _runs(kernel, order, samples, on)
+    by = np.lexsort((k, between.u, order.row[k], between.moment))
+    first = np.searchsorted(between.moment[by], np.arange(int(between.moment.max(initial=-1)) + 2))
+    rank = samples.rank[samples.owner[k]]
+    placed = kernel.LaneSamples(order.row[k], between.s, between.u, order.with_lane[k], run[k], rank)
+    held, offset = np.full((len(k), 8), -1, np.int32), np.full((len(k), 8), np.nan, np.float32)
+    steps, borders = kernel.SamplesByStep(first, by), kernel.SlotBorders(*reach)
+    kernel.hold(steps, placed, runs, _lane_ways(kernel, lanes), borders, kernel.HeldSlots(held, offset))
+    return EightVehicles(held, offset)
+
+
 def _prepared(kernel: Any, order: LaneOrder, samples: Samples, lanes: MinedLanes) -> tuple[Any, ...]:
     """Samples by step, on lanes, by stretches of one row, and the lanes, as the kernel takes them."""
     on = np.flatnonzero(order.row >= 0)
@@ -110,11 +139,14 @@ def _prepared(kernel: Any, order: LaneOrder, samples: Samples, lanes: MinedLanes
     first = np.searchsorted(samples.step[by], np.arange(len(samples.tracks.t) + 1))
     run, runs = _runs(kernel, order, samples, on)
     rank = samples.rank[samples.owner]
-    ways = kernel.LaneWays(
+    placed = kernel.LaneSamples(order.row, order.s, order.u, order.with_lane, run, rank)
+    return kernel.SamplesByStep(first, by), placed, runs, _lane_ways(kernel, lanes)
+
+
+def _lane_ways(kernel: Any, lanes: MinedLanes) -> Any:
+    return kernel.LaneWays(
         *lanes.after, *lanes.before, lanes.beside_left, lanes.beside_right, *lanes.stations
     )
-    placed = kernel.LaneSamples(order.row, order.s, order.u, order.with_lane, run, rank)
-    return kernel.SamplesByStep(first, by), placed, runs, ways
 
 
 def _runs(kernel: Any, order: LaneOrder, samples: Samples, on: Ints) -> tuple[Ints, Any]:

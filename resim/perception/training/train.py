@@ -89,6 +89,10 @@ def _trained(recordings: Sequence[Recording], name: str) -> PerceptionModel:
     estimates |= found
     own, found = fit_localisation(drives)
     estimates |= found
+    shares = [
+        *(kind(sightings, view, detection) for kind in DETECTED),
+        FalsePlaces(false_tracks(drives, matchings), false),
+    ]
     return PerceptionModel(
         name=name,
         provenance=f"trained on {len(drives)} drives, {matched} matched samples",
@@ -108,15 +112,7 @@ def _trained(recordings: Sequence[Recording], name: str) -> PerceptionModel:
             drives=len(drives),
             matched=matched,
             estimates=estimates,
-            fit=fit_of(
-                samples,
-                objects,
-                own_errors,
-                [
-                    *(kind(sightings, view, detection) for kind in DETECTED),
-                    FalsePlaces(false_tracks(drives, matchings), false),
-                ],
-            ),
+            fit=fit_of(samples, objects, own_errors, shares),
             left_out=left_out(recordings, drives, matchings, samples, objects),
         ),
     )

@@ -35,6 +35,7 @@ STEP, WIDEST = 0.02, 0.04
 """s between samples where the file says no times of its own, and between the EGO's vertices at most."""
 FINE = 0.01
 """s; vertices that lie nearer to each other are not all taken."""
+BY_OPTION = "Give the OpenDRIVE map by --map."
 EGOS = ("ego", "hero")
 """What the EGO's entity is called, in small letters."""
 
@@ -93,11 +94,15 @@ FORMATS.add(
 
 
 def _logic_file(scenario: ScenarioElement) -> Path:
-    """The map that the file names."""
+    """The map that the file names. Raises InputError where it is not there."""
     network = scenario.needed("RoadNetwork")
     if (told := network.child("LogicFile")) is None:
-        raise network.refused("names no LogicFile", "Give the OpenDRIVE map by --map.")
-    return joined(scenario.file, told.text("filepath"))
+        raise network.refused("names no LogicFile", BY_OPTION)
+    road = joined(scenario.file, told.text("filepath"))
+    try:
+        return existing_map(scenario.file, road)
+    except InputError:
+        raise told.refused(f"names {road}, which is no file here", BY_OPTION) from None
 
 
 def _ego(xosc: Path, entities: dict[str, ScenarioEntity], ego: str | None) -> str:

@@ -12,6 +12,9 @@ from resim.core.errors import InputError
 from resim.core.files import relative
 from resim.core.geometry import Floats
 from resim.core.tracks import KINDS
+from resim.recordings.logs.kinds import log_kind
+from resim.recordings.logs.known import MAPPINGS, known_mappings
+from resim.recordings.logs.topics import topics
 from resim.recordings.mapped import candidates, conventions, names
 from resim.recordings.mapped.lines import MappingLines, quoted
 from resim.recordings.mapped.mapping import TableMapping
@@ -32,7 +35,7 @@ def guess(file: Path, out: Path, *, sensor: Path | None = None, network: RoadNet
     """Give the text of a mapping of a table, and of a sensor's beside it.
 
     Args:
-        file: CSV or Parquet of the ground truth.
+        file: CSV or Parquet of the ground truth, or a log that Autoware recorded, whose mapping ships.
         out: Where the mapping is to stand, as its paths are relative to it.
         sensor: CSV or Parquet of the sensor data.
         network: The map, which tells mirrored axes and zones.
@@ -41,8 +44,14 @@ def guess(file: Path, out: Path, *, sensor: Path | None = None, network: RoadNet
         TOML; what the data do not tell is a line that is commented out, with FILL IN.
 
     Raises:
-        InputError: A table cannot be read.
+        InputError: A table cannot be read, or a log is of topics that no mapping that ships takes.
     """
+    if (known := _known(file, out)) is not None:
+        if sensor is not None:
+            raise InputError(
+                sensor, f"--sd is for tables, and {file} is a log", "Its topics are tables of the mapping."
+            )
+        return known
     truth = _Guess("gt", file, network)
     tables = [truth] if sensor is None else [truth, _Guess("sd", sensor, network, truth)]
     head = MappingLines()
@@ -60,6 +69,16 @@ def guess(file: Path, out: Path, *, sensor: Path | None = None, network: RoadNet
         text += ["", "[match]", 'by = "nearest"  # or "id" (both have the same ids), or "column" (gt_id in [sd])',
                  "gate = 3.0  # m; farther apart, two objects are not one"]  # fmt: skip
     return "\n".join("".join(c if c.isprintable() else "?" for c in line) for line in text) + "\n"
+
+
+def _known(file: Path, out: Path) -> str | None:
+    """The mapping that ships for a log of these topics, None where there is none; it takes most of them."""
+    if (kind := log_kind(file)) is None or not (fitting := known_mappings(topics(file, kind))):
+        return None
+    text = fitting[0].read_text(encoding="utf-8").replace("table BAG", f"table {relative(file, out.parent)}")
+    others = ", ".join(path.name for path in fitting[1:])
+    also = [f"# It fits as well: {others}, in {MAPPINGS}"] if others else []
+    return "\n".join([*also, text.replace(fitting[0].name, out.name)])
 
 
 class _Guess:

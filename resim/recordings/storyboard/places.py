@@ -19,8 +19,10 @@ from resim.road.opendrive import RoadNetwork
 
 _OVER = 1e-3
 """m by which s may be beyond a road's end."""
+_SAME = 1e-6
+"""m by which a lane's distance from the reference line may differ between two places."""
 READ = ("WorldPosition", "LanePosition", "RoadPosition")
-RELATIVE = ("RelativeLanePosition", "RelativeObjectPosition")
+RELATIVE = ("RelativeLanePosition", "RelativeObjectPosition", "RelativeRoadPosition")
 """Read at the start, where the entity that they name is put by another action of Init."""
 _OTHERS = f"Positions that are read are {', '.join(READ)}."
 
@@ -109,9 +111,11 @@ class ScenarioPlaces:
         return ScenarioPlace(float(x), float(y), _oriented(told, along), along, (road, lane, s))
 
     def _of_RoadPosition(self, told: ScenarioElement) -> ScenarioPlace:  # noqa: N802
-        road, s = self._on_road(told)
+        return self._beside(told, *self._on_road(told), told.number("t"))
+
+    def _beside(self, told: ScenarioElement, road: str, s: float, t: float) -> ScenarioPlace:
+        """The place at s and t [m] of a road."""
         x, y, along = (float(value) for value in self.network.reference_line(road, s))
-        t = told.number("t")
         x, y = x - t * math.sin(along), y + t * math.cos(along)
         return ScenarioPlace(x, y, _oriented(told, along), along)
 
@@ -123,6 +127,38 @@ class ScenarioPlaces:
         change = told.number("dLane")
         if told.get("ds") is None:
             raise told.refused("is not read: it has no ds", "Give ds, or a LanePosition.")
+        return self._on_lane(told, *self._ahead(told, reference, change))
+
+    def _of_RelativeRoadPosition(  # noqa: N802
+        self, told: ScenarioElement, reference: ScenarioPlace
+    ) -> ScenarioPlace:
+        """So many metres of s and t on, on the right side of the road, and where the lane that the entity is on keeps
+        its distance from the reference line: a player such as esmini goes ds along the lane, and then aside."""
+        road, lane, s = self._ahead(told, reference, 0.0)
+        if not self.network.has_lane(road, lane, s):
+            raise told.refused(f"names lane {lane} of road {road} at s {s:g} m, which is not there")
+        assert reference.spot is not None
+        centre, ahead = (
+            self._t(road, at, *(float(c) for c in self.network.to_xy(road, lane, at, 0.0)))
+            for at in (reference.spot[2], s)
+        )
+        if abs(ahead - centre) > _SAME:
+            raise told.refused(
+                f"is not read: players differ where the lane's distance from the reference line changes, as that of "
+                f"lane {lane} of road {road} from {centre:g} to {ahead:g} m", _OTHERS,
+            )  # fmt: skip
+        t = self._t(road, reference.spot[2], reference.x, reference.y) + told.number("dt")
+        return self._beside(told, road, s, t)
+
+    def _t(self, road: str, s: float, x: float, y: float) -> float:
+        """How far [m] a place is to the left of the reference line, at its s."""
+        x_line, y_line, along = (float(value) for value in self.network.reference_line(road, s))
+        return (y - y_line) * math.cos(along) - (x - x_line) * math.sin(along)
+
+    def _ahead(
+        self, told: ScenarioElement, reference: ScenarioPlace, change: float
+    ) -> tuple[str, int, float]:
+        """Road, lane and s [m], ds ahead of an entity that is on a lane below 0, and so many lanes to the left."""
         if reference.spot is None or reference.spot[1] >= 0 or change != round(change):
             raise told.refused(
                 "is not read: players differ where the entity that it names is not put on a lane with an id below 0",
@@ -139,7 +175,7 @@ class ScenarioPlaces:
                 f"leads to lane {lane} of road {road} at s {s:g} m: only lanes below 0 of the same road, which has "
                 f"{length:g} m, are read", _OTHERS,
             )  # fmt: skip
-        return self._on_lane(told, road, lane, s)
+        return road, lane, s
 
     def _of_RelativeObjectPosition(  # noqa: N802
         self, told: ScenarioElement, reference: ScenarioPlace

@@ -5,6 +5,7 @@ from resim.report.player.drive import PlayedDrive
 from resim.report.player.measured import of_recording, of_scenario
 from resim.report.player.page import player, player_scripts, player_styles, smaller, write_player_page
 from resim.report.player.simulated import of_resimulation, of_run
+from resim.report.player.varied import of_variations
 
 __all__ = [
     "PlayedDrive",
@@ -13,6 +14,7 @@ __all__ = [
     "of_resimulation",
     "of_run",
     "of_scenario",
+    "of_variations",
     "player",
     "player_scripts",
     "player_styles",

@@ -16,6 +16,10 @@ DARK = {
 """The colours of the reports in tones that are seen on dark paper."""
 
 
+BUNDLE = "variations"
+"""Name of the layer of a drive's variations."""
+
+
 @dataclass(frozen=True)
 class LayerColors:
     """Of the EGO and of others, each on light and dark paper; dash: of outlines [px]; fill: opacity of boxes."""
@@ -28,6 +32,8 @@ class LayerColors:
 
 def layer_colors(name: str) -> LayerColors:
     """Give how a layer is drawn: as in the reports by basis, dashed where simulated, dotted where perceived."""
+    if name == BUNDLE:
+        return LayerColors(_both(SEEDS), _both(SEEDS), (), 0.0)
     if name.startswith("perceived"):
         return LayerColors(_both(SEEDS), _both(SEEDS), (2, 3), 0.0)
     if "+M" in name:

@@ -132,7 +132,7 @@ const speedOf = v => `${fixed(v, 1)} m/s`;
 function drawLabels(who) {
   taken = [[0, view.height - 46, 170, view.height], sideBox];
   const seen = new Map();
-  for (const layer of visible()) for (const object of layer.objects) if (object.there && !seen.has(object.id) && inView(object, 0)) seen.set(object.id, object);
+  for (const layer of visible()) if (layer.name !== "variations") for (const object of layer.objects) if (object.there && !seen.has(object.id) && inView(object, 0)) seen.set(object.id, object); // a bundle has no room for names
   for (const object of seen.values()) { // boxes keep their middle free of the labels of others
     const far = Math.max(((object.length || 0) / 2) * view.scale * 0.6, 0), half = Math.max(((object.width || 0) / 2) * view.scale * 0.7, 2);
     for (const way of far > half ? [-1, 0, 1] : [0]) {

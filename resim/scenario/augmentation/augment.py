@@ -171,13 +171,18 @@ def _environment(settings: AugmentationSettings, rng: np.random.Generator) -> tu
     if settings.weather:
         shares = np.array([one.weight for one in settings.weather])
         drawn: Weather = settings.weather[int(rng.choice(len(shares), p=shares / shares.sum()))]
-        dry = drawn.precipitation == "dry"
-        out["precipitationDensity"] = "None" if dry else f"{drawn.precipitation} {drawn.intensity:g} mm/h"
-        out["fogDensity"] = (
-            "None" if drawn.visual_range >= 100_000.0 else f"visualRange {drawn.visual_range:g} m"
-        )
+        out |= environment_of(drawn)
         words = (
             f"cloudState {drawn.cloud_state}, precipitation {drawn.precipitation} {drawn.intensity:g} mm/h, "
         )
         words += f"fog visualRange {drawn.visual_range:g} m"
     return out, words
+
+
+def environment_of(weather: Weather) -> dict[str, str]:
+    """Give what JSCEN's environment says of a weather."""
+    dry, clear = weather.precipitation == "dry", weather.visual_range >= 100_000.0
+    return {
+        "precipitationDensity": "None" if dry else f"{weather.precipitation} {weather.intensity:g} mm/h",
+        "fogDensity": "None" if clear else f"visualRange {weather.visual_range:g} m",
+    }

@@ -18,6 +18,11 @@ NotNegative = Annotated[float, Field(strict=True, ge=0.0)]
 Share = Annotated[float, Field(strict=True, ge=0.0, le=1.0)]
 
 
+Spacing = Annotated[float, Field(strict=True, ge=0.05, le=1000.0)]
+Smoothing = Annotated[float, Field(strict=True, gt=0.0, le=1000.0)]
+Weight = Annotated[float, Field(strict=True, gt=0.0, le=1e6)]
+
+
 class PathNoise(Strict):
     """How paths vary (Kaefer 2022, 4.5.3.1, steps 1 to 3).
 
@@ -30,8 +35,8 @@ class PathNoise(Strict):
 
     offset: RandomNumber = RandomNumber(mean=0.0, sd=0.2, min=-0.5, max=0.5)
     noise: RandomNumber = RandomNumber(mean=0.0, sd=0.2)
-    spacing: Positive = 5.0
-    smoothing: Positive = 15.0
+    spacing: Spacing = 5.0
+    smoothing: Smoothing = 15.0
 
 
 class SpeedNoise(Strict):
@@ -44,8 +49,8 @@ class SpeedNoise(Strict):
     """
 
     noise: RandomNumber = RandomNumber(mean=0.0, sd=1.0)
-    spacing: Positive = 0.4
-    smoothing: Positive = 1.5
+    spacing: Spacing = 0.4
+    smoothing: Smoothing = 1.5
 
 
 class VehicleType(Strict):
@@ -67,7 +72,7 @@ class VehicleType(Strict):
     width: Positive
     top_speed: Positive
     acceleration: Positive
-    weight: Positive = 1.0
+    weight: Weight = 1.0
 
 
 class Weather(Strict):
@@ -85,7 +90,7 @@ class Weather(Strict):
     precipitation: Literal["dry", "rain", "snow"] = "dry"
     intensity: NotNegative = 0.0
     visual_range: Positive = 100_000.0
-    weight: Positive = 1.0
+    weight: Weight = 1.0
 
     @model_validator(mode="after")
     def _agrees(self) -> Weather:

@@ -90,8 +90,8 @@ class FmiTable(BaseModel):
         for signal in inputs.values():
             if _unit_of(signal) is None:
                 known = [*adapter.SIGNALS, *(f"object[0].{name}" for name in adapter.OF_OBJECT)]
-                near = did_you_mean(signal, known) or f"; there are: {', '.join(known)}"
-                raise ValueError(f"there is no signal {signal!r}{near}")
+                near = did_you_mean(signal, known)
+                raise ValueError(f"there is no signal {signal!r}{near}; there are: {', '.join(known)}")
         return inputs
 
     @model_validator(mode="after")
@@ -114,12 +114,17 @@ class FmuVariable:
 
 
 def fmu_files(path: Path, fmi: FmiTable) -> list[str]:
-    """Give the unit, as seen from the build file's folder. Raises InputError where FMPy is missing."""
+    """Give the unit, as seen from the build file's folder. Raises InputError without it or FMPy."""
     if importlib.util.find_spec("fmpy") is None:
         raise InputError(path, "[fmi] needs FMPy", "In resim's own folder: pip install '.[fmi]'")
     if fmi.osmp and importlib.util.find_spec("osi3") is None:
         raise InputError(path, "osmp needs osi-python", "In resim's own folder: pip install '.[fmi,osi]'")
-    return [posixpath.normpath(fmi.file)]
+    file = posixpath.normpath(fmi.file)
+    if not (path.parent / file).is_file():
+        raise InputError(
+            path, f"fmi.file: {file!r} is not a file beside it", "Name it relative to this file's folder."
+        )
+    return [file]
 
 
 def fmu_command(

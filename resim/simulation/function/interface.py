@@ -348,4 +348,6 @@ def _parsed(raw: bytes, path: Path) -> BuildFile:
     try:
         return BuildFile.model_validate(parse_toml(raw, path, PARTS))
     except ValidationError as e:
-        raise InputError(path, faults.describe(e.errors(), BuildFile), PARTS) from e
+        tables = {str(fault["loc"][0]) if fault["loc"] else "" for fault in e.errors()}
+        remedy = remedies.BUILD_TABLES.get(tables.pop(), PARTS) if len(tables) == 1 else PARTS
+        raise InputError(path, faults.describe(e.errors(), BuildFile), remedy) from e

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -30,6 +32,16 @@ for group in groups:
         pass
 """
 """Program that ends the process groups it was told an odd number of times, once nobody can tell it more."""
+_THIS_MACHINE = "Give one of this machine, such as 127.0.0.1, or 0.0.0.0 for all that it has."
+_REASONS: dict[int | None, tuple[str, str]] = {
+    errno.EADDRINUSE: (
+        "another program listens there", "End it, or give another port; port 0 takes any that is free.",
+    ),
+    errno.EADDRNOTAVAIL: ("it is no address of this machine", _THIS_MACHINE),
+    **dict.fromkeys((socket.EAI_NONAME, socket.EAI_AGAIN), ("there is no such host", _THIS_MACHINE)),
+    errno.EACCES: ("you may not use that port", "Give one above 1023."),
+}  # fmt: skip
+"""Why there is nothing to listen on, and what to do."""
 _CLOSE = packed({"message": "close"})
 
 
@@ -57,6 +69,26 @@ class _Guard:
         self._process.wait()
 
 
+def _refuse_unusable(address: str, host: str) -> None:
+    """Raise InputError, with the reason, where no socket can be bound to host:port; the library of gRPC tells none."""
+    number = int(address.rpartition(":")[2])
+    failed: OSError | None = None
+    try:
+        for family, kind, protocol, _, place in socket.getaddrinfo(host, number, type=socket.SOCK_STREAM):
+            try:
+                with socket.socket(family, kind, protocol) as tried:
+                    tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server itself does
+                    tried.bind(place)
+                return
+            except OSError as e:
+                failed = e
+    except socket.gaierror as e:
+        failed = e
+    code = failed.errno if failed is not None else None
+    why, remedy = _REASONS.get(code, (str(failed), "Give another one."))
+    raise InputError("--address", f"cannot listen on {address!r}: {why}", remedy)
+
+
 class RelayServer:
     """A server of a build's process at an address, host:port; port 0 is any that is free.
 
@@ -77,10 +109,11 @@ class RelayServer:
             options=(*OPTIONS, *_KEPT_ALIVE),
             maximum_concurrent_rpcs=STREAMS,
         )
+        _refuse_unusable(address, host)
         try:
             port = self._server.add_insecure_port(address)
-        except RuntimeError:
-            raise InputError("--address", f"cannot listen on {address!r}", "Give a free one.") from None
+        except RuntimeError as e:
+            raise InputError("--address", f"cannot listen on {address!r}: {e}", "Give another one.") from None
         self.address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
     def serve(self) -> None:

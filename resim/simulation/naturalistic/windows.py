@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -85,10 +86,10 @@ def traffic_windows(
     lasts = longest.max if longest.max is not None else (longest.mean or 0.0) + 3.0 * longest.sd
     tracks = run_sumo(net, vehicles, end=start + duration + AFTER, change_lasts=lasts, seed=seed)
     traffic = _Traffic(network, read_map_lanes(net), settings, seed)
-    count = max(round(duration / settings.recording), 1)
-    length = min(settings.recording, duration)
+    count = max(math.ceil(duration / settings.recording - 1e-6), 1)
     for k in range(count):
         begin = start + k * settings.recording
+        length = min(settings.recording, start + duration - begin)
         own = [one for one in tracks if one.t[0] < begin + length and one.t[-1] > begin]
         yield _window(traffic, own, begin, length, rate, begin - start)
         for one in own:  # a vehicle that is gone is not needed any more

@@ -31,6 +31,7 @@ from resim.sweeps.report import (
     SweptParameter,
     VaryingOutcome,
     traffic_notes,
+    variation_notes,
 )
 from resim.verification.inputs import HashedFile
 
@@ -91,7 +92,7 @@ def _header(found: SweepReport) -> Markup:
     points = " to ".join(str(n) for n in dict.fromkeys((counts[0], counts[-1])))
     facts = [("plan", f"{plan}: {points} points, {first.seeds} seeds each")]
     facts.append(("engine", engine_line(found)))
-    facts += [("note", note) for note in (*found.unpinned, *traffic_notes(found))]
+    facts += [("note", note) for note in (*found.unpinned, *traffic_notes(found), *variation_notes(found))]
     facts += [
         (name, Path(file.path).name)
         for name, file in (("perception", inputs.perception), ("criteria", inputs.criteria))
@@ -146,7 +147,9 @@ def _spread(found: SweepReport, section: SweepSection, k: int) -> Iterator[Marku
 def _requirements(found: SweepReport, section: SweepSection) -> Markup:
     items = [
         html("<dt>{}</dt><dd><ul>{}</ul></dd>", what, join(html("<li>{}</li>", line) for line in lines))
-        for what, lines in requirement_lines(section, found.parameters, demanded_of(found))
+        for what, lines in requirement_lines(
+            section, found.parameters, demanded_of(found), variation_notes(found)
+        )
     ]
     if not items:
         return Markup("<p>No outcome varies.</p>")

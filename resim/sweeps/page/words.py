@@ -18,6 +18,7 @@ from resim.sweeps.report import (
     VaryingOutcome,
 )
 from resim.sweeps.statistics.requirement import Bounds
+from resim.sweeps.varied import NUMBER
 
 KEEPS = {outcome.column: outcome.keeps for outcome in OUTCOMES if outcome.good is not None}
 
@@ -80,24 +81,29 @@ def demanded_of(found: SweepReport) -> float:
 
 
 def requirement_lines(
-    section: SweepSection, parameters: Sequence[SweptParameter], demanded: float
+    section: SweepSection, parameters: Sequence[SweptParameter], demanded: float, notes: Sequence[str] = ()
 ) -> Iterator[tuple[str, list[str]]]:
-    """Give of each outcome what is good by it, and a sentence or more for each parameter; of criteria that vary."""
+    """Give of each outcome what is good by it, and a sentence or more for each parameter; of criteria that vary.
+
+    notes: what is to be said with each.
+    """
     by_name = {p.name: p for p in parameters}
     none = "never met in this sweep"
     if section.failed:
         none += f"; {section.failed} runs failed, which count as not met"
     for o in section.constant:
         if o.name in KEEPS:
-            yield keeps(o), ["met in every run" if o.value == 1.0 else none]
+            yield keeps(o), ["met in every run" if o.value == 1.0 else none, *notes]
     for outcome in section.varying():
         if outcome.requirements is not MISSING:
             lines = [
                 line
                 for name, found in outcome.requirements.items()
-                for line in _lines(found, by_name[name], demanded)
+                for line in ([] if name == NUMBER else _lines(found, by_name[name], demanded))
             ]
-            yield keeps(outcome, outcome.limit), lines
+            if NUMBER in outcome.requirements:
+                lines.insert(0, f"met in {percent(outcome.mean or 0.0)} of all runs over the variations")
+            yield keeps(outcome, outcome.limit), [*lines, *notes]
 
 
 def _lines(found: Sequence[RequirementEntry], parameter: SweptParameter, demanded: float) -> Iterator[str]:

@@ -12,8 +12,8 @@ from resim.core.geometry import Floats
 from resim.core.spec import TextPattern
 
 _NAME = TextPattern(
-    r"^(perception|build|function)(\.\w+)+$",
-    "a name that begins with perception., function. or build., such as perception.latency.speed",
+    r"^(perception|build|function|variation)(\.\w+)+$",
+    "a name that begins with perception., function., build. or variation., such as perception.latency.speed",
 )
 
 
@@ -25,8 +25,9 @@ class SweepParameter(BaseModel):
     """A parameter that is swept: its range, or the values that it takes, in its own unit.
 
     name: of a perception model ("perception.latency.speed"), a build ("build.cycle_time") or an AD function
-    ("function.threat_time"). steps: values of a grid, evenly from low to high; of a normal distribution evenly in
-    probability. mean, std: of a normal distribution, cut off at low and high, where it is not uniform. base: the value
+    ("function.threat_time"), or which variation ("variation.number", "variation.c1"). steps: values of a grid, evenly
+    from low to high; of a normal distribution evenly in probability. mean, std: of a normal distribution, cut off at
+    low and high, where it is not uniform. base: the value
     that the others are varied at, one at a time; the middle, if not given. width: how exactly an adaptive plan finds
     where the outcome changes.
     """

@@ -17,9 +17,9 @@ from resim.core.errors import InputError
 from resim.core.geometry import wrap_angle
 from resim.recordings import RecordingTables, read_tables, recording_of, write_tables
 from resim.recordings.logs import mdf_child
+from resim.recordings.mapped.guess import fill_ins, guess
 from resim.recordings.mapped.reader import read_mapped
 
-EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ROS = w.Ros()
 EAST, NORTH = 999_999.123456, 5_345_678.654321
 """m: positions as UTM has them."""
@@ -172,7 +172,11 @@ def test_the_mappings_that_ship_read_what_autoware_records(tmp_path: Path, kind:
     if kind == "detected":
         messages += w.detections(ROS, truth, f"{package}/DetectedObjects", axle=4.89 / 2 - 1.1)
     path = w.to_bag(ROS, iter(messages), tmp_path / "bag")
-    found = read_mapped(path, map=MAP, columns=EXAMPLES / f"autoware_{kind}.toml")
+    columns = tmp_path / "mapping.toml"
+    columns.write_text(guess(path, columns), encoding="utf-8")
+    assert len(fill_ins(columns.read_text(encoding="utf-8"))) == (2 if kind == "detected" else 1)
+    assert columns.read_text(encoding="utf-8").count(f"autoware_{kind}.toml") == 0  # they are called as here
+    found = read_mapped(path, map=MAP, columns=columns)
     assert_exact(found.gt, named(truth))
     assert set(found.gt["kind"]) == {"car", "truck"}
     if kind == "detected":

@@ -1,0 +1,225 @@
+"""Simulated drives for a space: what sweeps and verifications ran, and the slots of the recordings that they ran."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.core.files import relative
+from resim.mining.extraction import window_of
+from resim.mining.features import features
+from resim.mining.slots import map_folder, slot_frame, slot_traces
+from resim.recordings import Recording, read_recording
+from resim.road.opendrive import load
+from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
+from resim.space.model import Space, bucket_names
+from resim.space.traces import from_frame
+from resim.sweeps.result import SweepResult, read_swept
+from resim.verification.entries import MODEL, VerifiedRecording
+from resim.verification.folder import read as read_verification
+from resim.verification.report import VerificationReport
+
+VARIATION, TRUST = "variation.", "variation_trust"
+"""Begins the names of swept parameters that vary traffic; column of a sweep's table that says whether a verification
+legitimises the variation (`resim vary`)."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What a sweep or a verification ran.
+
+    Attributes:
+        runs: Its runs.
+        drives: What it verified.
+        folders: Recordings by key.
+        label: Name and version of the build.
+        build: Its hash.
+        perception: Hash of the model, "" without one.
+    """
+
+    runs: tuple[SimulatedRun, ...]
+    drives: tuple[TestDrive, ...]
+    folders: Mapping[str, Path]
+    label: str
+    build: str
+    perception: str
+
+
+def read_simulated(folder: Path) -> Simulated:
+    """Read a folder of `resim sweep` or `resim verify`.
+
+    Args:
+        folder: Its path.
+
+    Returns:
+        Its runs, what it verified, and where the recordings are.
+
+    Raises:
+        InputError: It is neither, or of several builds.
+    """
+    if (folder / "verification.json").is_file():
+        return _of_verification(folder, read_verification(folder / "verification.json"))
+    return _of_sweep(folder, read_swept(folder))
+
+
+def _of_sweep(folder: Path, swept: SweepResult) -> Simulated:
+    inputs = swept.inputs
+    builds = list(inputs.builds.items())
+    if len(builds) > 1:
+        raise InputError(
+            folder, f"sweeps {len(builds)} builds, a space is covered by one", "Sweep each build alone."
+        )
+    perception = inputs.perception.hash if inputs.perception is not None else None
+    changed = [p.name for p in swept.parameters if not p.name.startswith(VARIATION)]
+    keys = {name: one.hash or name for name, one in inputs.recordings.items()}
+    words = ", ".join(f"{name} is swept" for name in changed)
+    runs = [
+        SimulatedRun(
+            f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
+            _number(row["risk"]), _flag(row["collision"]), words, str(row.get(TRUST) or INSIDE),
+            repeat=f"resim sweep repeat {_shown(folder)} {row['run']} --out out/repeated",
+        )
+        for row in swept.rows.to_dict("records")
+    ]  # fmt: skip
+    paths = {keys[name]: _path(folder, one.path) for name, one in inputs.recordings.items()}
+    return Simulated(tuple(runs), (), paths, builds[0][1].label, builds[0][1].hash or "", perception or "")
+
+
+def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
+    inputs = found.inputs
+    if inputs.against is not None:
+        raise InputError(folder, "compares two builds: that verifies neither", "Verify the build alone.")
+    build, perception = inputs.build.hash or "", _hash(inputs.perception)
+    runs: list[SimulatedRun] = []
+    drives, paths = [], {}
+    for one in found.recordings:
+        if not isinstance(one, VerifiedRecording):
+            continue
+        key, path = one.hash or one.name, _path(folder, one.folder)
+        paths[key] = path
+        recording = read_recording(path)
+        own = recording.build == inputs.build.label and recording.build_hash in (None, build)
+        drives.append(TestDrive(key, one.name, build, perception, one.verdict, own))
+        repeat = (
+            f"resim run {_shown(path)} --build {_shown(_path(folder, inputs.build.path))} --out out/repeated"
+        )
+        if inputs.perception is not None:
+            repeat += f" --perception {_shown(_path(folder, inputs.perception.path))} --seeds 1"
+        runs += _runs(folder, one, SimulatedRun("", key, build, perception, math.nan, None, repeat=repeat))
+    return Simulated(tuple(runs), tuple(drives), paths, inputs.build.label, build, perception)
+
+
+def _runs(folder: Path, one: VerifiedRecording, run: SimulatedRun) -> Iterator[SimulatedRun]:
+    """The runs that a verification judged a recording by. run: what they have in common."""
+    name = f"{folder.name}:{one.name}"
+    if one.way == MODEL:
+        risks = one.risk.each().get(MODEL, ())
+        for seed, risk in zip(one.seeds, risks, strict=True):
+            known = math.nan if seed.failure or risk is None else risk
+            collided = None if seed.failure else seed.end == "collision"
+            repeat = f"{run.repeat} --seed {seed.seed}"
+            yield replace(run, name=f"{name}:{seed.seed}", risk=known, collided=collided, repeat=repeat)
+        return
+    risk = one.risk.each().get(one.way, (None,))[0]
+    whole = one.verdict == "verified"  # it ends as the drive did; of another nobody says how
+    yield replace(run, name=name, risk=math.nan if risk is None else risk, collided=False if whole else None)
+
+
+def _shown(path: Path) -> str:
+    """A path as a shell takes it, from where commands run."""
+    return shlex.quote(relative(path, Path.cwd()))
+
+
+def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
+    """Give the slots of all recordings that were simulated.
+
+    Args:
+        space: The space that they are put into.
+        given: What was simulated.
+
+    Returns:
+        Slots by recording, their buckets, and which scenarios of the space they are.
+
+    Raises:
+        InputError: A recording cannot be read.
+    """
+    paths: dict[str, Path] = {}
+    for one in given:
+        paths |= one.folders
+    own = {
+        os.path.realpath(folder): str(name)
+        for folder, name in zip(space.rows["folder"], space.rows["scenario"], strict=True) if folder
+    }  # fmt: skip
+    frames, buckets, scenarios = [], [], {}
+    for key, path in sorted(paths.items()):
+        recording = read_recording(path)
+        frame, bucket = _trace(recording, key)
+        frames.append(frame)
+        buckets.append(bucket)
+        scenarios[key] = own.get(os.path.realpath(path), "")
+    names = bucket_names(pd.DataFrame(buckets), space.settings) if buckets else []
+    traces = from_frame(pd.concat(frames, ignore_index=True) if frames else slot_frame([], []))
+    return DrivenTraces(traces, dict(zip(sorted(paths), names, strict=True)), scenarios)
+
+
+def _trace(recording: Recording, key: str) -> tuple[pd.DataFrame, dict[str, object]]:
+    """The slots of a whole recording around its EGO, under a name, and what its bucket follows from."""
+    found = features(recording.gt, load(recording.map))
+    row = recording.gt.index(recording.ego)
+    first, last = (int(found.samples.first[row + k]) - k for k in (0, 1))
+    window = window_of(found, row, (first, last), [])
+    road, along, lanes, vehicles = window.bucket
+    told = {
+        "map": map_folder(recording.map),
+        "road": road,
+        "along_s": along,
+        "lanes": lanes,
+        "vehicles": vehicles,
+    }
+    return slot_frame([key], slot_traces(found, [window])), told
+
+
+def one_build(given: Sequence[tuple[Path, Simulated]]) -> Simulated:
+    """Give the one whose build and perception all have.
+
+    Args:
+        given: Folders, and what they hold.
+
+    Returns:
+        The first of them.
+
+    Raises:
+        InputError: They are of several builds or perception models.
+    """
+    (_, first), *others = given
+    for folder, one in others:
+        if (one.build, one.perception) != (first.build, first.perception):
+            what = "build" if one.build != first.build else "perception model"
+            raise InputError(
+                folder, f"is of another {what} than {given[0][0]}", "Cover a space by one of each."
+            )
+    return first
+
+
+def _path(folder: Path, name: str) -> Path:
+    return Path(os.path.normpath(folder / name))
+
+
+def _hash(file: object) -> str:
+    return str(getattr(file, "hash", "") or "")
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float | np.floating) else math.nan
+
+
+def _flag(value: object) -> bool | None:
+    return None if value is None or value is pd.NA or value != value else bool(value)

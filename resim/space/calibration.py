@@ -1,0 +1,96 @@
+"""Whether predicted risk is to be believed: against collisions in held-out simulated traffic, as a reliability
+diagram."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from resim.core.geometry import Floats
+from resim.core.intervals import CONFIDENCE
+from resim.space.statistics.rates import IntervalEstimate, share
+
+EDGES = (0.0, 1e-4, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0)
+"""Of the bins of predicted risk (our choice)."""
+LEAST = 20
+"""Held-out drives in a bin below which nothing is told (our choice): none of 20 is at most 14 %."""
+Calibrated = Literal["calibrated", "too low", "not shown"]
+
+
+@dataclass(frozen=True)
+class ReliabilityBin:
+    """Drives with a predicted risk in a bin.
+
+    Attributes:
+        low: Lower edge.
+        high: Upper edge.
+        drives: How many were held out.
+        predicted: Mean predicted risk of them; NaN of none.
+        collided: Share of them that collided, with the exact interval of all bins together.
+        verdict: `too low` where the prediction lies below the interval; `not shown` for too few drives.
+    """
+
+    low: float
+    high: float
+    drives: int
+    predicted: IntervalEstimate
+    collided: IntervalEstimate
+    verdict: Calibrated
+
+
+@dataclass(frozen=True)
+class ReliabilityReport:
+    """The reliability diagram.
+
+    Attributes:
+        bins: By predicted risk, those with a drive.
+        verdict: `too low` if any bin is; `calibrated` if all have enough drives and none is; else `not shown`.
+        drives: How many were held out.
+        unknown: Held-out drives without a prediction or an outcome, which speak for nothing.
+    """
+
+    bins: tuple[ReliabilityBin, ...]
+    verdict: Calibrated
+    drives: int
+    unknown: int
+
+
+def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
+    """Compare predicted risk (K,) with collisions (K,), 1 or 0; NaN where either is not known.
+
+    A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, so that
+    what is missing never makes it better; that they are too low is told of known ones alone. Predictions that are
+    too high are on the safe side.
+    """
+    unknown = np.isnan(predicted) | np.isnan(collided)
+    told, hit = np.nan_to_num(predicted, nan=0.0), np.nan_to_num(collided, nan=1.0)
+    where = np.clip(np.searchsorted(EDGES, told, side="right") - 1, 0, len(EDGES) - 2)
+    held = np.unique(where).tolist()
+    confidence = 1.0 - (1.0 - CONFIDENCE) / max(len(held), 1)
+    bins = []
+    for k in held:
+        mine = where == k
+        found = share(float(hit[mine].sum()), float(mine.sum()), confidence)
+        mean = float(told[mine].mean())
+        verdict: Calibrated = "calibrated"
+        known = mine & ~unknown
+        if known.any() and mean < share(float(hit[known].sum()), float(known.sum()), confidence).low:
+            verdict = "too low"
+        elif mean < found.low or mine.sum() < LEAST:
+            verdict = "not shown"
+        near = IntervalEstimate(mean, float(told[mine].min()), float(told[mine].max()), 1.0)
+        bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
+    every = {one.verdict for one in bins}
+    whole: Calibrated = (
+        "too low" if "too low" in every else "not shown" if every != {"calibrated"} else "calibrated"
+    )
+    return ReliabilityReport(tuple(bins), whole, len(told), int(unknown.sum()))
+
+
+def believed(report: ReliabilityReport | None, risk: float) -> bool:
+    """Say whether a predicted risk lies in a bin that is calibrated."""
+    if report is None or report.verdict != "calibrated" or not np.isfinite(risk):
+        return False
+    return any(one.low <= risk <= one.high for one in report.bins)

@@ -1,0 +1,200 @@
+"""Two spaces beside each other (Wagner 2021, 6.3.2 and Fig. 6.21): what is in one only, and how far shares are apart.
+
+The scenarios of both are clustered together, so that neither is the measure of the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.core.intervals import CONFIDENCE
+from resim.core.provenance import versions
+from resim.core.spec import EXACT
+from resim.space.build import cluster_buckets
+from resim.space.model import Space
+from resim.space.statistics.rates import IntervalEstimate, share, spread_of
+from resim.space.statistics.unseen import unseen_share
+from resim.space.traces import Ints, joined
+
+MARK = "comparison.json"
+
+
+@dataclass(frozen=True)
+class KindComparison:
+    """A kind of scenario in both spaces.
+
+    Attributes:
+        kind: Its number in the comparison.
+        bucket: Of it.
+        medoid: Its test case.
+        one: Occasions in the first space.
+        other: Occasions in the second.
+        one_share: Its share there.
+        other_share: Its share in the second.
+        difference: Share in the first less share in the second.
+    """
+
+    kind: int
+    bucket: str
+    medoid: str
+    one: int
+    other: int
+    one_share: IntervalEstimate
+    other_share: IntervalEstimate
+    difference: IntervalEstimate
+
+
+@dataclass(frozen=True)
+class SpaceComparison:
+    """Two spaces compared, as comparison.json says it.
+
+    Attributes:
+        versions: Of resim and what it depends on.
+        files: None.
+        one: Folder of the first space.
+        other: Folder of the second.
+        hashes: Of both files space.json.
+        kinds: All kinds, those with the largest difference first.
+        only_one: Kinds that the second space does not have.
+        only_other: Kinds that the first does not have.
+        only_one_share: Share of the first space that is of such kinds.
+        only_other_share: Share of the second likewise.
+        apart: Half the sum of the differences of all shares (total variation): 0 alike, 1 nothing in common.
+        notes: What is to be known to believe it.
+    """
+
+    __pydantic_config__ = EXACT
+
+    versions: Mapping[str, str]
+    files: Mapping[str, str]
+    one: str
+    other: str
+    hashes: tuple[str, str]
+    kinds: tuple[KindComparison, ...]
+    only_one: int
+    only_other: int
+    only_one_share: IntervalEstimate
+    only_other_share: IntervalEstimate
+    apart: IntervalEstimate
+    notes: tuple[str, ...]
+
+
+def together(one: Space, other: Space, workers: int = 1) -> Space:
+    """Give both spaces as one, clustered anew. Raises InputError where they are built in different ways."""
+    for name in ("distance", "bucket", "linkage"):
+        mine, theirs = getattr(one.settings, name), getattr(other.settings, name)
+        if mine != theirs:
+            problem = f"its {name} is {theirs!s}, that of the other space is {mine!s}"
+            raise InputError("the second space", problem, "Build both spaces with the same settings.")
+    rows = other.rows.assign(occasion=other.rows["occasion"] + one.rows["occasion"].max() + 1)
+    both = pd.concat([one.rows.assign(space=0), rows.assign(space=1)], ignore_index=True)
+    names = [
+        "one/" + name if k == 0 else "other/" + name
+        for k, name in zip(both["space"], both["scenario"], strict=True)
+    ]
+    whole = replace(
+        one, rows=both.assign(scenario=pd.array(names, dtype="string"), batch=both["space"]),
+        traces=joined([one.traces, other.traces]), links={},
+    )  # fmt: skip
+    return cluster_buckets(whole, workers)
+
+
+def compare_spaces(both: Space, names: tuple[str, str], hashes: tuple[str, str]) -> SpaceComparison:
+    """Compare two spaces that were put together. names, hashes: of their folders and files."""
+    rows = both.rows
+    label, kind = np.unique(rows["cluster"].to_numpy(str), return_inverse=True)
+    space, occasion = rows["batch"].to_numpy(int), rows["occasion"].to_numpy(np.intp)
+    counts = np.stack([_occasions(kind[space == k], occasion[space == k], len(label)) for k in (0, 1)])
+    total = counts.sum(axis=1)
+    spread = tuple(_spread(kind[space == k], occasion[space == k]) for k in (0, 1))
+    shares = [[share(c / spread[k], total[k] / spread[k]) for c in counts[k].tolist()] for k in (0, 1)]
+    medoids, buckets = (_of_cluster(rows, column, label) for column in ("scenario", "bucket"))
+    kinds = [
+        KindComparison(
+            k + 1, buckets[k], medoids[k], int(counts[0, k]), int(counts[1, k]), shares[0][k], shares[1][k],
+            difference(shares[0][k], shares[1][k]),
+        )
+        for k in range(len(label))
+    ]  # fmt: skip
+    lone = counts == 0
+    only = [share(float(counts[k][lone[1 - k]].sum()) / spread[k], total[k] / spread[k]) for k in (0, 1)]
+    notes = [
+        f"the {word} space has {n} occasions: what is only in one may be only not seen in the other"
+        for word, n in zip(("first", "second"), total.tolist(), strict=True) if n < 1000
+    ]  # fmt: skip
+    return SpaceComparison(
+        versions(), {}, *names, hashes, tuple(sorted(kinds, key=lambda one: (-abs(one.difference.value), one.kind))),
+        int(lone[1].sum()), int(lone[0].sum()), only[0], only[1], variation(counts, spread), tuple(notes),
+    )  # fmt: skip
+
+
+def difference(one: IntervalEstimate, other: IntervalEstimate) -> IntervalEstimate:
+    """Give the difference of two shares, its interval from theirs.
+
+    R. Newcombe, Interval estimation for the difference between independent proportions (Statistics in Medicine 17,
+    1998), method 10, with exact limits in place of Wilson's.
+    """
+    value = one.value - other.value
+    low = value - np.hypot(one.value - one.low, other.high - other.value)
+    high = value + np.hypot(one.high - one.value, other.value - other.low)
+    return IntervalEstimate(value, float(max(low, -1.0)), float(min(high, 1.0)))
+
+
+def variation(counts: Ints, spread: tuple[float, ...], confidence: float = CONFIDENCE) -> IntervalEstimate:
+    """Give the total variation of two distributions over kinds, from counts (2, C), with an interval on the safe side.
+
+    The lower end takes the kinds that have the larger share in a drawn half of each sample (always the same draw), and
+    compares the shares of these together in the other halves. The upper end is the estimate with the mean
+    error of C shares (at most half the root of C / n), its scatter (McDiarmid), and all that was not seen of either.
+    """
+    n = counts.sum(axis=1) / np.array(spread)
+    if (n == 0.0).any():
+        return IntervalEstimate(np.nan, 0.0, 1.0, confidence)
+    shares = counts / counts.sum(axis=1, keepdims=True)
+    value = float(0.5 * np.abs(shares[0] - shares[1]).sum())
+    first = np.random.default_rng(0).binomial(counts, 0.5)
+    low = _held_out_gap(first, counts - first, spread, confidence)
+    wide = 0.5 * np.sqrt(counts.shape[1] / n).sum() + np.sqrt(
+        0.5 * np.log(4.0 / (1.0 - confidence)) * (1.0 / n).sum()
+    )
+    unseen = sum(unseen_share(c[c > 0], s, confidence).high for c, s in zip(counts, spread, strict=True))
+    return IntervalEstimate(value, min(low, value), float(min(value + wide + unseen, 1.0)), confidence)
+
+
+def _held_out_gap(first: Ints, second: Ints, spread: tuple[float, ...], confidence: float) -> float:
+    """Lower limit of by how much more of one distribution lies in the kinds that a first half names."""
+    whole = np.maximum(first.sum(axis=1, keepdims=True), 1)
+    mine = (first / whole)[0] > (first / whole)[1]
+    held = second.sum(axis=1)
+    if (held == 0).any():
+        return 0.0
+    one, other = (
+        share(float(second[k][mine].sum()) / spread[k], float(held[k]) / spread[k], confidence)
+        for k in (0, 1)
+    )
+    return max(difference(one, other).low, 0.0)
+
+
+def _occasions(kind: Ints, occasion: Ints, clusters: int) -> Ints:
+    if not len(kind):
+        return np.zeros(clusters, dtype=np.intp)
+    return np.bincount(np.unique(np.stack([kind, occasion]), axis=1)[0], minlength=clusters)
+
+
+def _spread(kind: Ints, occasion: Ints) -> float:
+    """How many kinds come at one occasion."""
+    if not len(kind):
+        return 1.0
+    return spread_of(np.unique(np.unique(np.stack([kind, occasion]), axis=1)[1], return_counts=True)[1])
+
+
+def _of_cluster(rows: pd.DataFrame, column: str, label: np.ndarray) -> list[str]:
+    """A column at the medoid of each cluster."""
+    medoids = rows[rows["medoid"]]
+    by_name = dict(zip(medoids["cluster"].astype(str), medoids[column].astype(str), strict=True))
+    return [by_name[name] for name in label.tolist()]

@@ -1,0 +1,157 @@
+"""How much of a space was seen: discovery, expansion, convergence (Wagner 2021, Fig. 6.20; no formula in the text)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from resim.core.geometry import Floats
+from resim.space.report import ConvergenceEntry, CoverageEntry, DiscoveryCurve
+from resim.space.statistics.rates import IntervalEstimate, rate, share, spread_of
+from resim.space.statistics.unseen import held_out, kinds_at_least, more_needed, unseen_share
+from resim.space.traces import Ints
+
+LIMIT = 0.05
+"""Convergence: with 95 % confidence at most so much of what comes next is new, or enlarges a kind (our choice)."""
+TOLERANCE = 0.05
+"""Distance by which a kind must grow to count as growing (our choice): 4 m in one slot."""
+POINTS = 40
+"""Of a curve at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenScenarios:
+    """N scenarios in order of time.
+
+    Attributes:
+        kind: (N,) number of their cluster.
+        occasion: (N,) number of their occasion: those that see the same maneuvers share it.
+        distance: (N,) to the medoid of their cluster.
+        hours: (N,) h driven until they come, NaN where nobody says.
+        kilometres: (N,) km likewise.
+        whole: h and km driven in all.
+    """
+
+    kind: Ints
+    occasion: Ints
+    distance: Floats
+    hours: Floats
+    kilometres: Floats
+    whole: tuple[float, float]
+
+    def take(self, rows: Ints) -> SeenScenarios:
+        """Give some of them."""
+        return SeenScenarios(
+            self.kind[rows], self.occasion[rows], self.distance[rows], self.hours[rows], self.kilometres[rows],
+            self.whole,
+        )  # fmt: skip
+
+
+def coverage(seen: SeenScenarios) -> CoverageEntry:
+    """Give how much of a space was seen.
+
+    Scenarios of one kind and occasion are one: several EGOs that see the same lane change tell of one kind once.
+    """
+    once = first_of_each(seen)
+    counts = _counts(once.kind)
+    spread = _singles_at_once(once)
+    hours, kilometres = _later_discovery(once)
+    return CoverageEntry(
+        kinds_at_least(counts), hours, kilometres, convergence(once), held_out(once.kind, spread), curve(once)
+    )
+
+
+def first_of_each(seen: SeenScenarios) -> SeenScenarios:
+    """Give the first scenario of each kind and occasion; its distance is the largest of them."""
+    key = np.stack([seen.kind, seen.occasion])
+    _, first, inverse = np.unique(key, axis=1, return_index=True, return_inverse=True)
+    most = np.zeros(len(first))
+    np.maximum.at(most, inverse.ravel(), seen.distance)
+    order = np.argsort(first)
+    taken = seen.take(first[order])
+    return SeenScenarios(taken.kind, taken.occasion, most[order], taken.hours, taken.kilometres, taken.whole)
+
+
+def _counts(kind: Ints) -> Ints:
+    return np.asarray(np.unique(kind, return_counts=True)[1], dtype=np.intp)
+
+
+def _singles_at_once(once: SeenScenarios) -> float:
+    """How many kinds that are seen once come at one occasion (`spread_of`)."""
+    _, inverse, counts = np.unique(once.kind, return_inverse=True, return_counts=True)
+    single = counts[inverse] == 1
+    return spread_of(np.unique(once.occasion[single], return_counts=True)[1])
+
+
+def convergence(once: SeenScenarios, limit: float = LIMIT) -> ConvergenceEntry:
+    """Say whether discovery and expansion have stopped, by the upper ends of two shares."""
+    counts, n = _counts(once.kind), len(once.kind)
+    unseen = unseen_share(counts, _singles_at_once(once))
+    new = expands(once.kind, once.distance)[n // 2 :]
+    expanding = share(float(new.sum()), float(len(new)))
+    if not len(new):
+        expanding = IntervalEstimate(np.nan, 0.0, 1.0)
+    missing = max(more_needed(counts, limit), _more_without_growth(expanding, len(new), limit))
+    done = unseen.high <= limit and expanding.high <= limit
+    per_scenario = once.whole[0] / n if n else np.nan
+    return ConvergenceEntry(
+        bool(done), limit, unseen, expanding, 0.0 if done else missing,
+        0.0 if done else missing * per_scenario,
+    )  # fmt: skip
+
+
+def expands(kind: Ints, distance: Floats) -> np.ndarray:
+    """Say of each scenario (N,), in order of time, whether it is of a new kind or enlarges its kind by over
+    TOLERANCE.
+    """
+    out = np.zeros(len(kind), dtype=bool)
+    radius: dict[int, float] = {}
+    for n, (k, d) in enumerate(zip(kind.tolist(), distance.tolist(), strict=True)):
+        before = radius.get(k)
+        out[n] = before is None or d > before + TOLERANCE
+        radius[k] = d if before is None else max(before, d)
+    return out
+
+
+def _more_without_growth(expanding: IntervalEstimate, of: int, limit: float) -> float:
+    """How many more scenarios in the later half bring the upper end of a share down to a limit, if none of them is new:
+    at least so many.
+    """
+    if expanding.high <= limit:
+        return 0.0
+    seen = 0.0 if np.isnan(expanding.value) else expanding.value * of
+    n = max(float(of), 1.0)
+    while share(seen, n).high > limit:
+        n = np.ceil(n * 1.02 + 1.0)
+    return n - of
+
+
+def _later_discovery(once: SeenScenarios) -> tuple[IntervalEstimate, IntervalEstimate]:
+    """New kinds by hour and kilometre in the later half of what was driven."""
+    _, first = np.unique(once.kind, return_index=True)
+    spread = spread_of(np.unique(once.occasion[first], return_counts=True)[1])
+    out = []
+    for driven, whole in zip((once.hours, once.kilometres), once.whole, strict=True):
+        new = float((driven[first] >= 0.5 * whole).sum()) if np.isfinite(whole) else np.nan
+        out.append(rate(new, 0.5 * whole, spread))
+    return out[0], out[1]
+
+
+def curve(once: SeenScenarios) -> DiscoveryCurve:
+    """Give what was found over what was driven."""
+    n = len(once.kind)
+    at = np.unique(np.linspace(1, n, min(n, POINTS)).astype(int)).tolist() if n else []
+    clusters, radii, unseen = [], [], []
+    for k in at:
+        kinds, counts = np.unique(once.kind[:k], return_counts=True)
+        radius = np.zeros(len(kinds))
+        np.maximum.at(radius, np.searchsorted(kinds, once.kind[:k]), once.distance[:k])
+        clusters.append(len(kinds))
+        radii.append(float(radius[counts > 1].mean()) if (counts > 1).any() else np.nan)
+        unseen.append(float((counts == 1).sum()) / k)
+    where = [k - 1 for k in at]
+    return DiscoveryCurve(
+        tuple(at), tuple(once.hours[where].tolist()), tuple(once.kilometres[where].tolist()), tuple(clusters),
+        tuple(radii), tuple(unseen),
+    )  # fmt: skip

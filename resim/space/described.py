@@ -1,0 +1,94 @@
+"""The report of a space: its buckets and clusters, how often each comes, and how much was seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from resim.core.provenance import versions
+from resim.space.coverage import SeenScenarios, coverage
+from resim.space.model import Space
+from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
+from resim.space.statistics.rates import IntervalEstimate, rate, spread_of
+from resim.space.traces import Ints
+
+LONE = 0.5
+"""Share of clusters with one member from which on it is said."""
+
+
+def report(space: Space, files: dict[str, str]) -> SpaceReport:
+    """Give what space.json says. files: hashes of the tables."""
+    rows, driven = space.rows, space.driven
+    buckets = tuple(_bucket(space, bucket, own) for bucket, own in space.by_bucket())
+    whole = coverage(seen(space, np.arange(len(rows))))
+    return SpaceReport(
+        versions(), files, space.settings, space.sources, len(rows), driven[0], driven[1], buckets, whole,
+        tuple(_notes(space, buckets)),
+    )  # fmt: skip
+
+
+def seen(space: Space, own: Ints) -> SeenScenarios:
+    """Give scenarios of a space in the order in which they were driven."""
+    rows = space.rows.iloc[own]
+    order = np.lexsort((np.arange(len(rows)), rows["hours"].to_numpy(float)))
+    rows = rows.iloc[order]
+    _, kind = np.unique(rows["cluster"].to_numpy(str), return_inverse=True)
+    return SeenScenarios(
+        kind, rows["occasion"].to_numpy(np.intp), rows["to_medoid"].to_numpy(float),
+        rows["hours"].to_numpy(float), rows["kilometres"].to_numpy(float), space.driven,
+    )  # fmt: skip
+
+
+def _bucket(space: Space, bucket: str, own: Ints) -> BucketEntry:
+    rows, how = space.rows.iloc[own], space.links[bucket]
+    names = rows["cluster"].to_numpy(str)
+    clusters = sorted(set(names.tolist()), key=in_order)
+    return BucketEntry(
+        bucket, int(rows["number"].iloc[0]), len(own), how.threshold, how.chosen, how.method, how.links,
+        tuple(_cluster(rows[names == name], space.driven) for name in clusters), coverage(seen(space, own)),
+    )  # fmt: skip
+
+
+def in_order(name: str) -> tuple[int, bool, int]:
+    """Give what sorts names of clusters: by bucket, those that the space was built with first, by number."""
+    number, _, own = name.partition(".")
+    return int(number), own.startswith("n"), int(own.lstrip("n"))
+
+
+def _cluster(rows: pd.DataFrame, driven: tuple[float, float]) -> ClusterEntry:
+    hours, kilometres = exposure(rows["occasion"].to_numpy(np.intp), driven)
+    return ClusterEntry(
+        str(rows["cluster"].iloc[0]), str(rows["scenario"][rows["medoid"]].iloc[0]), len(rows),
+        int(rows["occasion"].nunique()), float(rows["to_medoid"].max()), hours, kilometres,
+    )  # fmt: skip
+
+
+def exposure(occasion: Ints, driven: tuple[float, float]) -> tuple[IntervalEstimate, IntervalEstimate]:
+    """Give how often scenarios come, by hour and kilometre. occasion (K,): of each; several EGOs may see the same."""
+    spread = spread_of(np.unique(occasion, return_counts=True)[1])
+    hours, kilometres = (rate(len(occasion), one, spread) for one in driven)
+    return hours, kilometres
+
+
+def _notes(space: Space, buckets: tuple[BucketEntry, ...]) -> list[str]:
+    """What is to be known to believe a space."""
+    out = []
+    for one in space.sources:
+        if one.left_out:
+            out.append(f"{one.name}: {one.left_out} scenarios have no slots and are left out")
+        if np.isnan(one.hours):
+            out.append(f"{one.name}: nobody says how long was driven: there are no rates")
+    clusters = [cluster for bucket in buckets for cluster in bucket.clusters]
+    lone = sum(cluster.members == 1 for cluster in clusters)
+    if lone > LONE * len(clusters):
+        out.append(
+            f"{lone} of {len(clusters)} clusters have one member: there is not enough data for this space"
+        )
+    off = int((space.traces.lane < 0).sum())
+    if off:
+        out.append(
+            f"in {off} of {len(space.traces.lane)} scenes the EGO is on no lane: all of its slots are empty"
+        )
+    if len({one.egos for one in space.sources}) > 1:
+        out.append("sources with every vehicle as EGO are mixed with test drives: rates are of both together")
+    return out

@@ -1,0 +1,232 @@
+"""Simulated drives as members of clusters, and whether they count (Wagner 2021, 6.3.1: locally verified).
+
+A simulated member counts where, for its build and perception, a test drive that this build drove is verified; where its
+origin, or the medoid of its cluster, lies within a stated slot distance of that drive; and where what was varied of
+it lies within what `resim verify --vary` found there (`trust` of `resim vary`). All others stay in the table, with
+the reason.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from resim.space.build import NEW
+from resim.space.distance import PairDistances
+from resim.space.model import Space
+from resim.space.placing import FrozenClusters, place_rows
+from resim.space.traces import Ints, SlotTraces, joined
+
+MEMBER_COLUMNS = (
+    "member",
+    "origin",
+    "cluster",
+    "drive",
+    "drive_distance",
+    "risk",
+    "collided",
+    "counts",
+    "why",
+    "repeat",
+)
+"""Of members.parquet: member: of the simulated run; origin: recording; cluster: "" for none; drive: nearest verified
+test drive, drive_distance to it, NaN for none; risk: largest accident risk, NaN where it is not known; collided:
+whether the EGO did, NULL where it is not known; counts: whether it is legitimised; why not; repeat: command."""
+INSIDE = "inside"
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """One simulated drive of the function.
+
+    Attributes:
+        name: Of the run.
+        recording: Key of the recording that it simulates.
+        build: Hash of the build.
+        perception: Hash of the perception model, "" without one.
+        risk: Largest accident risk, NaN where it is not known.
+        collided: Whether the EGO collided, None where it is not known.
+        changed: What of build and perception differs from what was verified, "" for nothing.
+        trust: `inside`, `outside` or `unknown` of a variation, `inside` of what was not varied.
+        repeat: Command that repeats it.
+    """
+
+    name: str
+    recording: str
+    build: str
+    perception: str
+    risk: float
+    collided: bool | None
+    changed: str = ""
+    trust: str = INSIDE
+    repeat: str = ""
+
+
+@dataclass(frozen=True)
+class TestDrive:
+    """A drive that was verified, or was to be.
+
+    Attributes:
+        recording: Key of the recording.
+        name: Its name.
+        build: Hash of the build under test.
+        perception: Hash of the perception model, "" without one.
+        verdict: Of its verification.
+        own: Whether the build under test drove it; people's drives are no test drives.
+    """
+
+    __test__ = False
+
+    recording: str
+    name: str
+    build: str
+    perception: str
+    verdict: str
+    own: bool
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenTraces:
+    """Recordings that are simulated: their slots by key (names of the traces), buckets, and scenarios of the space.
+
+    Attributes:
+        traces: Of recordings, named by their keys.
+        bucket: Bucket of each, by key.
+        scenario: Scenario of the space that each is, by key; "" for none.
+    """
+
+    traces: SlotTraces
+    bucket: Mapping[str, str]
+    scenario: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Legitimacy:
+    """Why the members of a recording count or do not: nearest drive and distance, or the reason against."""
+
+    drive: str
+    distance: float
+    why: str
+
+
+def judged_members(
+    space: Space,
+    runs: Sequence[SimulatedRun],
+    drives: Sequence[TestDrive],
+    known: DrivenTraces,
+    within: float,
+) -> pd.DataFrame:
+    """Give a row per simulated run with MEMBER_COLUMNS. within: slot distance to a verified drive, at most."""
+    cluster = clusters_of(space, known)
+    legitimate: dict[tuple[str, str, str], Legitimacy] = {}
+    rows = []
+    for run in runs:
+        key = run.recording, run.build, run.perception
+        if key not in legitimate:
+            legitimate[key] = _legitimacy(space, key, cluster.get(run.recording, ""), (drives, known, within))
+        found = legitimate[key]
+        why = found.why or _own_reason(run) or ("" if cluster.get(run.recording) else "is in no cluster")
+        rows.append(
+            (run.name, known.scenario.get(run.recording) or run.recording, cluster.get(run.recording, ""), found.drive,
+             found.distance, run.risk, run.collided, not why, why, run.repeat)
+        )  # fmt: skip
+    frame = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS))
+    texts = ("member", "origin", "cluster", "drive", "why", "repeat")
+    types = dict.fromkeys(texts, "string") | {"drive_distance": "float64", "risk": "float64"}
+    return frame.astype({**types, "collided": "boolean", "counts": "bool"})
+
+
+def _own_reason(run: SimulatedRun) -> str:
+    if run.changed:
+        return f"it is not what was verified: {run.changed}"
+    if run.trust != INSIDE:
+        return f"its variation lies {run.trust} of what was verified" if run.trust == "outside" else (
+            "it is unknown whether its variation lies within what was verified"
+        )  # fmt: skip
+    return ""
+
+
+def _legitimacy(
+    space: Space, key: tuple[str, str, str], cluster: str,
+    given: tuple[Sequence[TestDrive], DrivenTraces, float],
+) -> Legitimacy:  # fmt: skip
+    drives, known, within = given
+    recording, build, perception = key
+    own = [one for one in drives if (one.build, one.perception) == (build, perception)]
+    if not own:
+        return Legitimacy("", math.nan, "no drive was verified with this build and perception")
+    driven = [one for one in own if one.own]
+    if not driven:
+        return Legitimacy(
+            "", math.nan, "no verified drive was driven by this build: people's drives are no test drives"
+        )
+    good = [
+        one for one in driven if one.verdict == "verified" and (known.traces.rows_of([one.recording]) >= 0)[0]
+    ]
+    if not good:
+        return Legitimacy("", math.nan, "no test drive of this build is verified")
+    from_rows = _origins(space, recording, cluster, known)
+    if not len(from_rows):
+        return Legitimacy("", math.nan, "its slots are not known")
+    both = joined([from_rows, known.traces.take(known.traces.rows_of([one.recording for one in good]))])
+    count = len(from_rows)
+    apart = PairDistances(both, space.settings.distance).between(
+        np.arange(count), np.arange(count, len(both))
+    )
+    nearest = apart.min(axis=0)
+    k = int(np.argmin(nearest))
+    distance = float(nearest[k])
+    why = (
+        ""
+        if distance <= within
+        else f"the nearest verified test drive is {distance:.2f} away, at most {within:g} counts"
+    )
+    return Legitimacy(good[k].name, distance, why)
+
+
+def _origins(space: Space, recording: str, cluster: str, known: DrivenTraces) -> SlotTraces:
+    """The slots of a recording and of the medoid of its cluster."""
+    own = known.traces.take(_there(known.traces.rows_of([recording])))
+    if not cluster:
+        return own
+    medoid = space.rows["scenario"][(space.rows["cluster"] == cluster) & space.rows["medoid"]]
+    return joined([own, space.traces.take(_there(space.traces.rows_of(medoid.astype(str).tolist())))])
+
+
+def _there(rows: Ints) -> Ints:
+    return rows[rows >= 0]
+
+
+def clusters_of(space: Space, known: DrivenTraces) -> dict[str, str]:
+    """Give the cluster of each recording by key, "" for none: that of the scenario that it is, else of where it is
+    placed."""
+    by_scenario = dict(zip(space.rows["scenario"], space.rows["cluster"], strict=True))
+    out = {key: str(by_scenario.get(name, "")) for key, name in known.scenario.items() if name}
+    left = [str(name) for name in known.traces.names if str(name) not in out]
+    for bucket in sorted({known.bucket[key] for key in left}):
+        mine = [key for key in left if known.bucket[key] == bucket]
+        out |= dict(
+            zip(mine, _placed(space, bucket, known.traces.take(known.traces.rows_of(mine))), strict=True)
+        )
+    return out
+
+
+def _placed(space: Space, bucket: str, traces: SlotTraces) -> list[str]:
+    """Clusters of recordings of a bucket, "" for none."""
+    own = np.flatnonzero(space.rows["bucket"].to_numpy(str) == bucket)
+    if not len(own):
+        return [""] * len(traces)
+    label = space.rows["cluster"].to_numpy(str)[own]
+    names = np.array(sorted(set(label.tolist()), key=lambda name: (NEW in name, name)), dtype=object)
+    members = [np.flatnonzero(label == name) for name in names]
+    is_medoid = space.rows["medoid"].to_numpy(bool)[own]
+    medoid = np.array([rows[is_medoid[rows]][0] for rows in members], dtype=np.intp)
+    pairs = PairDistances(joined([space.traces.take(own), traces]), space.settings.distance)
+    rows = np.arange(len(own), len(own) + len(traces))
+    threshold = space.links[bucket].threshold
+    found, _ = place_rows(pairs, rows, FrozenClusters(members, medoid), space.settings.linkage, threshold)
+    return [str(names[k]) if k >= 0 else "" for k in found.tolist()]

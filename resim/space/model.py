@@ -1,0 +1,80 @@
+"""The space in memory: its scenarios, who is in which cluster, and what it was made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from resim.space.report import SourceEntry
+from resim.space.settings import SpaceSettings
+from resim.space.sources import ROWS
+from resim.space.traces import Ints, SlotTraces
+
+PLACED = ("bucket", "number", "cluster", "medoid", "to_medoid")
+"""Columns that clustering fills: name and number of the bucket, name of the cluster, whether it is its medoid, distance
+to the medoid."""
+COLUMNS = ("scenario", "source", "batch", "name", *ROWS[1:], *PLACED)
+"""Of scenarios.parquet; scenario: its name in the space, name: in its source; occasion, hours and kilometres count over
+all sources."""
+CLUSTERS = ("scenario", "source", "batch", "bucket", "cluster", "medoid", "to_medoid")
+"""Of clusters.parquet."""
+
+
+@dataclass(frozen=True, eq=False)
+class BucketLinks:
+    """How a bucket was clustered when it was first seen: threshold, by what it was chosen, method, links (N - 1, 4)."""
+
+    threshold: float
+    chosen: str
+    method: str
+    links: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """A scenario space.
+
+    Attributes:
+        settings: How it is built.
+        sources: What it is made of.
+        rows: A row per scenario with COLUMNS, in the order in which they were added.
+        traces: Their slots, in the same order.
+        links: By the name of the bucket.
+    """
+
+    settings: SpaceSettings
+    sources: tuple[SourceEntry, ...]
+    rows: pd.DataFrame
+    traces: SlotTraces
+    links: dict[str, BucketLinks]
+
+    @property
+    def driven(self) -> tuple[float, float]:
+        """Hours and kilometres that were driven, NaN where a source does not say."""
+        return sum(one.hours for one in self.sources), sum(one.kilometres for one in self.sources)
+
+    def by_bucket(self) -> Iterator[tuple[str, Ints]]:
+        """Give the buckets by number, with the rows of their scenarios."""
+        buckets = self.rows["bucket"].to_numpy(str)
+        numbers = self.rows["number"].to_numpy(int)
+        for number in np.unique(numbers).tolist():
+            rows = np.flatnonzero(numbers == number)
+            yield str(buckets[rows[0]]), rows
+
+
+def bucket_names(rows: pd.DataFrame, settings: SpaceSettings) -> list[str]:
+    """Give the name of each scenario's bucket."""
+    if settings.bucket == "vehicles":
+        return [f"{n} vehicles" for n in rows["vehicles"]]
+    if settings.bucket == "lanes":
+        return [
+            f"{lanes} lanes, {n} vehicles" for lanes, n in zip(rows["lanes"], rows["vehicles"], strict=True)
+        ]
+    parts = zip(rows["map"], rows["road"], rows["along_s"], rows["lanes"], rows["vehicles"], strict=True)
+    return [
+        f"{place or 'unknown map'}, road {road or 'none'} {'+' if along else '-'}, {lanes} lanes, {n} vehicles"
+        for place, road, along, lanes, n in parts
+    ]

@@ -1,0 +1,119 @@
+"""cover.html: the risk of each cluster, which simulated members count, and whether predicted risk is to be believed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from resim.report.figure import Figure
+from resim.report.figure import trace as figure_trace
+from resim.report.markup import Markup, html, join
+from resim.report.plots import style, to_html
+from resim.report.tables import table
+from resim.space.calibration import ReliabilityReport
+from resim.space.model import Space
+from resim.space.page.page import cluster_map
+from resim.space.page.words import header, interval, number, percent, section, write_page
+from resim.space.report import SpaceReport
+from resim.space.risk import ClusterRisk, CoverReport
+
+LISTED = 100
+"""Clusters that are listed, the riskiest first."""
+WORST = 10
+"""Worst members of all that are listed."""
+
+
+def write_cover_page(space: Space, told: SpaceReport, found: CoverReport, folder: Path) -> None:
+    """Write cover.html into the space's folder."""
+    facts = (
+        ("build", found.label or "unknown"),
+        ("perception", found.perception[:12] or "none"),
+        ("test drives verified", str(found.drives)),
+        ("members that count", f"{sum(one.counted for one in found.clusters)} simulated, "
+         f"{sum(one.measured for one in found.clusters)} driven"),
+    )  # fmt: skip
+    risk = {one.cluster: one.risk.value for one in found.clusters}
+    drawn = cluster_map(space, told, risk)
+    surface = html(
+        "<p>Colour: expected accidents a scenario; grey: no member counts. Size: exposure.</p>{}", drawn
+    )
+    parts = [
+        header("Covered space", "Risk of each kind of scenario", facts, found.notes),
+        section("Risk by cluster", surface), section("Clusters", _clusters(told, found)),
+        section("Worst members", _worst(found)), section("Is predicted risk to be believed?",
+        calibration(found.calibration)),
+    ]  # fmt: skip
+    write_page(parts, "Covered space", folder / "cover.html")
+
+
+def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
+    exposure = told.clusters()
+    order = sorted(found.clusters, key=lambda one: (-np.nan_to_num(one.risk.value, nan=-1.0), one.cluster))
+    rows = [
+        [one.cluster, interval(exposure[one.cluster].per_hour), interval(one.risk), str(one.measured), str(one.counted),
+         str(one.not_counted), _why(one), exposure[one.cluster].medoid]
+        for one in order[:LISTED]
+    ]  # fmt: skip
+    heads = [
+        "cluster",
+        "an hour (95 %)",
+        "risk a scenario (95 %)",
+        "driven",
+        "simulated",
+        "do not count",
+        "why",
+        "test case",
+    ]
+    more = f"{len(order) - LISTED} more are in cover.json." if len(order) > LISTED else ""
+    return html("{}<p>{}</p>", table(heads, rows), more)
+
+
+def _why(one: ClusterRisk) -> str:
+    return "; ".join(f"{why} ({count})" for why, count in one.why.items())
+
+
+def _worst(found: CoverReport) -> Markup:
+    every = [(one.cluster, member) for one in found.clusters for member in one.worst]
+    every.sort(key=lambda pair: (-np.nan_to_num(pair[1].risk, nan=1.0), pair[1].member))
+    rows = [
+        [member.member, cluster, number(member.risk), {True: "yes", False: "no", None: "not known"}[member.collided],
+         html("<code>{}</code>", member.repeat)]
+        for cluster, member in every[:WORST]
+    ]  # fmt: skip
+    return table(["member", "cluster", "risk", "collided", "to repeat it"], rows)
+
+
+def calibration(found: ReliabilityReport | None) -> Markup:
+    """Give the reliability diagram."""
+    if found is None:
+        return html("<p>Not shown: no drives were held out (<code>--held-out</code>).</p>")
+    mean = np.array([one.predicted.value for one in found.bins])
+    seen, low, high = (
+        np.array([getattr(one.collided, name) for one in found.bins]) for name in ("value", "low", "high")
+    )
+    x = np.column_stack([mean, mean, np.full(len(mean), np.nan)]).ravel()
+    y = np.column_stack([low, high, np.full(len(mean), np.nan)]).ravel()
+    most = float(max(high.max(initial=0.0), mean.max(initial=0.0), 1e-6))
+    figure = Figure(
+        [
+            figure_trace("scatter", x=np.array([0.0, most]), y=np.array([0.0, most]), mode="lines",
+                         line={"color": "#9aa3ad", "dash": "6px,4px", "width": 1.0}),
+            figure_trace("scatter", x=x, y=y, mode="lines", line={"color": "#0072B2", "width": 1.6}),
+            figure_trace("scatter", x=mean, y=seen, mode="markers", marker={"color": "#0072B2", "size": 8.0}),
+        ]
+    )  # fmt: skip
+    figure.update_xaxes(title_text="predicted risk")
+    figure.update_yaxes(title_text="share that collided")
+    rows = [
+        [f"{one.low:g} to {one.high:g}", str(one.drives), number(one.predicted.value), percent(one.collided),
+         one.verdict]
+        for one in found.bins
+    ]  # fmt: skip
+    told = html(
+        "<p>{} held-out drives: <b>{}</b>. {} of them have no prediction or no outcome.</p>", found.drives,
+        found.verdict, found.unknown,
+    )  # fmt: skip
+    drawn = to_html(style(figure, 320.0), "reliability")
+    heads = ["predicted", "drives", "mean", "collided (95 % of all bins)", ""]
+    return join([told, drawn, table(heads, rows)])

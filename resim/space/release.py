@@ -1,0 +1,341 @@
+"""May the function be released? The sentence of Wagner 2021, 6.3.1 with its numbers, or what forbids it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from resim.core.provenance import versions
+from resim.core.spec import EXACT, NumberOrNan
+from resim.space.expected import (
+    AccidentTerms,
+    ExposedScenarios,
+    RiskLimit,
+    expected_accidents,
+    risk_limits,
+    unseen_of,
+)
+from resim.space.limits import Per, ReleaseLimits
+from resim.space.model import Space
+from resim.space.risk import ClusterRisk, CoverReport
+from resim.space.statistics.rates import IntervalEstimate, share
+from resim.space.test_plan import PlannedTest, test_plan
+
+MARK = "release.json"
+SENTENCE = (
+    "The AD function is tested against a set of scenarios we trust to represent the entirety of scenarios within the "
+    "ODD at enough confidence, and the overall risk across these scenarios is low enough to release the function with "
+    "enough confidence."
+)
+ReleaseVerdict = Literal["good", "bad", "not shown"]
+"""`good`: all limits are met with their confidence; `bad`: a limit is exceeded with it; else `not shown`."""
+
+
+@dataclass(frozen=True)
+class ReleaseCheck:
+    """One thing that a release asks for.
+
+    Attributes:
+        name: What.
+        value: What was found; NaN where nothing is known.
+        low: Lower limit of it.
+        high: Upper limit of it; for a share that must be large, the lower one decides.
+        limit: What is asked for.
+        met: Whether it is, with the confidence.
+        exceeded: Whether the contrary is shown.
+        source: Where the limit is from.
+    """
+
+    name: str
+    value: NumberOrNan
+    low: NumberOrNan
+    high: NumberOrNan
+    limit: float
+    met: bool
+    exceeded: bool
+    source: str
+
+
+@dataclass(frozen=True)
+class AccidentBudget:
+    """Accidents by hour or kilometre, by what they are of.
+
+    Attributes:
+        per: Hour or kilometre.
+        known: Of clusters whose risk is known: estimate and limits.
+        thin: Upper limit of those with too few members that count, or uncalibrated risk: each scenario an accident.
+        unseen: Upper limit of kinds not seen: each scenario an accident.
+        high: Upper limit of all.
+        limit: What is asked for; NaN where nothing is.
+    """
+
+    per: Per
+    known: IntervalEstimate
+    thin: NumberOrNan
+    unseen: NumberOrNan
+    high: NumberOrNan
+    limit: NumberOrNan
+
+
+@dataclass(frozen=True)
+class ForbiddingCluster:
+    """A cluster that forbids the release.
+
+    Attributes:
+        cluster: Its name.
+        bucket: Of it.
+        medoid: Its test case.
+        share: Its share of what comes.
+        risk: Upper limit of the risk of a scenario of it.
+        accidents: Its part of the accidents by hour, at that limit.
+        why: `risk` where it is known and too high, else what is missing.
+    """
+
+    cluster: str
+    bucket: str
+    medoid: str
+    share: float
+    risk: float
+    accidents: NumberOrNan
+    why: str
+
+
+@dataclass(frozen=True)
+class RemainingDomain:
+    """The ODD without the clusters that forbid the release.
+
+    Attributes:
+        clusters: Clusters that are left.
+        share: Their share of what was driven through, with its interval.
+        enough: Whether all limits on accidents are met without the others.
+        high: Upper limit of accidents an hour in it.
+    """
+
+    clusters: int
+    share: IntervalEstimate
+    enough: bool
+    high: NumberOrNan
+
+
+@dataclass(frozen=True)
+class ReleaseReport:
+    """A decision about a release, as release.json says it."""
+
+    __pydantic_config__ = EXACT
+
+    versions: Mapping[str, str]
+    files: Mapping[str, str]
+    space: str
+    cover: str
+    limits_hash: str
+    limits: ReleaseLimits
+    label: str
+    build: str
+    perception: str
+    verdict: ReleaseVerdict
+    statement: str
+    checks: tuple[ReleaseCheck, ...]
+    budgets: tuple[AccidentBudget, ...]
+    forbidding: tuple[ForbiddingCluster, ...]
+    remaining: RemainingDomain
+    plan: tuple[PlannedTest, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ReleaseCase:
+    """All that a decision follows from.
+
+    Attributes:
+        names: Of the C clusters.
+        exposed: Scenarios that were measured.
+        risks: Of the clusters, by name.
+        believed: Whether predicted risk is calibrated.
+        driven: h and km.
+        limits: What is asked for.
+    """
+
+    names: tuple[str, ...]
+    exposed: ExposedScenarios
+    risks: Mapping[str, ClusterRisk]
+    believed: bool
+    driven: Mapping[Per, float]
+    limits: ReleaseLimits
+
+    @cached_property
+    def risk(self) -> list[RiskLimit]:
+        """The risk of a scenario of each cluster (C,)."""
+        told = self.limits
+        return risk_limits(
+            self.names, self.risks, told.confidence, told.least_members, believed=self.believed
+        )
+
+    def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
+        """Give expected accidents, without clusters that are left out of the ODD."""
+        return expected_accidents(
+            self.exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, self.exposed
+        )
+
+
+def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits) -> ReleaseCase:
+    """Give what a decision about a release follows from."""
+    names, kind = np.unique(space.rows["cluster"].to_numpy(str), return_inverse=True)
+    exposed = ExposedScenarios(kind, space.rows["occasion"].to_numpy(np.intp), len(names))
+    risks = {} if cover is None else {one.cluster: one for one in cover.clusters}
+    calibration = None if cover is None else cover.calibration
+    hours, kilometres = space.driven
+    return ReleaseCase(
+        tuple(names.tolist()), exposed, risks,
+        calibration is not None and calibration.verdict == "calibrated",
+        {"hour": hours, "kilometre": kilometres}, limits,
+    )  # fmt: skip
+
+
+def decide(
+    space: Space, cover: CoverReport | None, limits: ReleaseLimits, hashes: Mapping[str, str]
+) -> ReleaseReport:
+    """Decide about a release. hashes: of `space`, `cover` and `limits`; "" for none."""
+    case = release_case(space, cover, limits)
+    terms = {per: case.accidents(per) for per in case.driven}
+    checks = release_checks(case, terms)
+    verdict = verdict_of(checks, case.believed)
+    forbidding, remaining = _odd(space, case, verdict)
+    plan = test_plan(case.names, case.exposed, case.risk, (case.driven["hour"], limits), _medoids(space))
+    return ReleaseReport(
+        versions(), {}, hashes["space"], hashes["cover"], hashes["limits"], limits,
+        "" if cover is None else cover.label, "" if cover is None else cover.build,
+        "" if cover is None else cover.perception, verdict, _statement(case, verdict, checks), checks,
+        tuple(_budget(per, found, limits) for per, found in terms.items()), forbidding, remaining, plan,
+        tuple(_notes(case, cover)),
+    )  # fmt: skip
+
+
+def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tuple[ReleaseCheck, ...]:
+    """Give what is asked for, and whether it is met."""
+    limits = case.limits
+    unseen = unseen_of(case.exposed, 2.0 * limits.confidence - 1.0)
+    seen = ReleaseCheck(
+        "the next scenario is of a kind that was seen", 1.0 - unseen.value, 1.0 - unseen.high, 1.0 - unseen.low,
+        limits.least_seen, bool(1.0 - unseen.high >= limits.least_seen), bool(1.0 - unseen.low < limits.least_seen),
+        limits.least_seen_source,
+    )  # fmt: skip
+    out = [seen]
+    for one in limits.limit:
+        found = terms[one.per]
+        out.append(
+            ReleaseCheck(
+                f"accidents by {one.per}", found.value, found.low, found.high, one.accidents,
+                bool(found.high <= one.accidents), bool(found.low > one.accidents), one.source,
+            )
+        )  # fmt: skip
+    return tuple(out)
+
+
+def verdict_of(checks: Sequence[ReleaseCheck], believed: bool) -> ReleaseVerdict:
+    """Give the verdict: a limit on accidents that is shown to be exceeded is `bad`, whatever else is not known."""
+    if any(one.exceeded for one in checks if one.name.startswith("accidents")) and believed:
+        return "bad"
+    return "good" if believed and all(one.met for one in checks) else "not shown"
+
+
+def _budget(per: Per, found: AccidentTerms, limits: ReleaseLimits) -> AccidentBudget:
+    limit = min((one.accidents for one in limits.limit if one.per == per), default=np.nan)
+    known = IntervalEstimate(found.value, found.low, _finite(found.known), limits.confidence)
+    return AccidentBudget(per, known, _finite(found.thin), _finite(found.unseen), _finite(found.high), limit)
+
+
+def _finite(value: float) -> float:
+    return value if np.isfinite(value) else np.nan
+
+
+def _odd(
+    space: Space, case: ReleaseCase, verdict: ReleaseVerdict
+) -> tuple[tuple[ForbiddingCluster, ...], RemainingDomain]:
+    """The clusters that forbid the release, those with most accidents first, and what is left without them."""
+    risk = case.risk
+    count = np.bincount(case.exposed.kind, minlength=case.exposed.clusters)
+    weight = count * np.array([one.high for one in risk])
+    order = sorted(range(len(case.names)), key=lambda k: (-weight[k], case.names[k]))
+    most = 0
+    if verdict != "good":
+        low, most = 0, len(order)
+        while low < most:  # the fewest that must go; with none left nothing but the unseen is
+            middle = (low + most) // 2
+            low, most = (low, middle) if _fits(case, order[:middle]) else (middle + 1, most)
+    out = order[:most]
+    hours, total = case.driven["hour"], float(count.sum())
+    buckets = dict(zip(space.rows["cluster"], space.rows["bucket"], strict=True))
+    medoids = _medoids(space)
+    forbidding = tuple(
+        ForbiddingCluster(
+            case.names[k], str(buckets[case.names[k]]), medoids[case.names[k]], count[k] / total, risk[k].high,
+            weight[k] / hours if hours > 0.0 else np.nan, _why(case, k, risk[k]),
+        )
+        for k in out
+    )  # fmt: skip
+    left = total - float(count[out].sum())
+    high = case.accidents("hour", out).high
+    kept = RemainingDomain(len(order) - len(out), share(left, total), _fits(case, out), _finite(high))
+    return forbidding, kept
+
+
+def _fits(case: ReleaseCase, left_out: Sequence[int]) -> bool:
+    """Whether all limits on accidents are met without some clusters."""
+    return bool(all(case.accidents(one.per, left_out).high <= one.accidents for one in case.limits.limit))
+
+
+def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:
+    one = case.risks.get(case.names[k])
+    if risk.known:
+        return "risk"
+    if one is None or not one.values:
+        reasons = "" if one is None or not one.why else f": {next(iter(one.why))}"
+        return f"no member counts{reasons}"
+    if len(one.values) < case.limits.least_members:
+        return f"{len(one.values)} members count, at least {case.limits.least_members} are needed"
+    return "its risk is not calibrated"
+
+
+def _medoids(space: Space) -> dict[str, str]:
+    rows = space.rows[space.rows["medoid"]]
+    return dict(zip(rows["cluster"].astype(str), rows["scenario"].astype(str), strict=True))
+
+
+def _statement(case: ReleaseCase, verdict: ReleaseVerdict, checks: Sequence[ReleaseCheck]) -> str:
+    if verdict != "good":
+        open_checks = [one for one in checks if not one.met]
+        told = "; ".join(f"{one.name}: {_found(one)}, asked for {one.limit:.3g}" for one in open_checks)
+        calibrated = "" if case.believed else "predicted risk is not calibrated against held-out drives"
+        why = "; ".join(part for part in (told, calibrated) if part)
+        return f"The function may not be released: {why}."
+    seen, *accidents = checks
+    numbers = ", ".join(f"at most {one.high:.3g} {one.name} (limit {one.limit:.3g})" for one in accidents)
+    return (
+        f"{SENTENCE} With {100.0 * case.limits.confidence:g} % confidence: {len(case.names)} kinds of scenarios, of "
+        f"which the next one is with at least {100.0 * seen.low:.3g} %; {numbers}."
+    )
+
+
+def _found(one: ReleaseCheck) -> str:
+    if one.name.startswith("accidents"):
+        return f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known"
+    return f"at least {one.low:.3g}"
+
+
+def _notes(case: ReleaseCase, cover: CoverReport | None) -> list[str]:
+    out = [] if cover is None else list(cover.notes)
+    if cover is None:
+        out.append(
+            "no simulated drive covers the space: every scenario counts as an accident (`resim space cover`)"
+        )
+    elif cover.calibration is None:
+        out.append("there are no held-out drives: predicted risk is not calibrated, and is not believed")
+    elif cover.calibration.verdict != "calibrated":
+        out.append(f"predicted risk is not calibrated: {cover.calibration.verdict}")
+    if any(not value > 0.0 for value in case.driven.values()):
+        out.append("nobody says how long was driven: there are no rates")
+    return out

@@ -1,0 +1,176 @@
+"""Risk of each cluster over its measured and simulated members."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from resim.core.geometry import Floats
+from resim.core.spec import EXACT, NumberOrNan
+from resim.space.calibration import ReliabilityReport, reliability
+from resim.space.members import SimulatedRun, TestDrive
+from resim.space.model import Space
+from resim.space.statistics.rates import IntervalEstimate, share
+
+WORST = 5
+"""Members of a cluster that are named as its worst."""
+MARK = "cover.json"
+
+
+@dataclass(frozen=True)
+class WorstMember:
+    """A member with its risk, and the command that repeats it."""
+
+    member: str
+    risk: NumberOrNan
+    collided: bool | None
+    repeat: str
+
+
+@dataclass(frozen=True)
+class ClusterRisk:
+    """The risk of a cluster.
+
+    Attributes:
+        cluster: Its name.
+        measured: Members that this build drove on the road.
+        measured_collided: How many of them collided.
+        counted: Simulated members that count.
+        not_counted: Simulated members that do not.
+        unknown: Of those that count, how many have no known risk: they count as accidents.
+        collided: Of those that count, how many collided.
+        risk: Expected accidents a scenario, of measured and counted members; NaN of none.
+        values: Risk of each of them, the largest first, 1 where it is not known: `resim.space.release` needs them.
+        beside: Risk of those that do not count, the largest first: they may make it worse, never better.
+        worst: The worst members of all.
+        why: Reasons for which members do not count, with how many.
+    """
+
+    cluster: str
+    measured: int
+    measured_collided: int
+    counted: int
+    not_counted: int
+    unknown: int
+    collided: int
+    risk: IntervalEstimate
+    values: tuple[float, ...]
+    beside: tuple[float, ...]
+    worst: tuple[WorstMember, ...]
+    why: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class CoverReport:
+    """What simulation makes of a space, as cover.json says it.
+
+    Attributes:
+        versions: Of resim and what it depends on.
+        files: Hash of members.parquet.
+        space: Hash of space.json.
+        build: Hash of the build.
+        label: Its name and version.
+        perception: Hash of the perception model, "" without one.
+        within: Slot distance to a verified test drive up to which members count.
+        drives: How many test drives are verified.
+        clusters: Risk of each cluster.
+        calibration: Of predicted risk; None without held-out drives.
+        notes: What is to be known to believe it.
+    """
+
+    __pydantic_config__ = EXACT
+
+    versions: Mapping[str, str]
+    files: Mapping[str, str]
+    space: str
+    build: str
+    label: str
+    perception: str
+    within: float
+    drives: int
+    clusters: tuple[ClusterRisk, ...]
+    calibration: ReliabilityReport | None
+    notes: tuple[str, ...]
+
+
+def cluster_risks(space: Space, members: pd.DataFrame, label: str) -> tuple[ClusterRisk, ...]:
+    """Give the risk of every cluster. members: as of members.parquet; label: of the build."""
+    rows = space.rows
+    own = rows[(rows["build"] == label) & (label != "")] if len(rows) else rows
+    driven = dict(tuple(own.groupby("cluster")))
+    simulated = dict(tuple(members.groupby("cluster")))
+    names = rows["cluster"].astype(str).unique().tolist()
+    return tuple(
+        _cluster_risk(name, driven.get(name, own.iloc[:0]), simulated.get(name, members.iloc[:0]))
+        for name in names
+    )
+
+
+def member_risks(members: pd.DataFrame) -> Floats:
+    """Give what each simulated member (K,) counts as: its risk, 1 where it collided or either is not known."""
+    risk = members["risk"].to_numpy(float)
+    collided = members["collided"].to_numpy(float, na_value=np.nan)
+    return np.where(np.isnan(risk) | (collided != 0.0), 1.0, np.clip(np.nan_to_num(risk), 0.0, 1.0))
+
+
+def _cluster_risk(name: str, driven: pd.DataFrame, members: pd.DataFrame) -> ClusterRisk:
+    counts = members["counts"].to_numpy(bool)
+    values = member_risks(members)
+    hit = driven["collided"].to_numpy(bool).astype(float)
+    counted = np.sort(np.concatenate([values[counts], hit]))[::-1]
+    of_known = members["risk"].notna() & members["collided"].notna()
+    known = members[counts]
+    reasons = members["why"][~counts].astype(str).value_counts()
+    return ClusterRisk(
+        name, len(driven), int(hit.sum()), int(counts.sum()), int((~counts).sum()),
+        int((~of_known)[counts].sum()), int(known["collided"].fillna(False).sum()),
+        share(float(counted.sum()), float(len(counted))), tuple(counted.tolist()),
+        tuple(np.sort(values[~counts])[::-1].tolist()), _worst(members),
+        {str(why): int(count) for why, count in sorted(reasons.items())},
+    )  # fmt: skip
+
+
+def _worst(members: pd.DataFrame) -> tuple[WorstMember, ...]:
+    order = np.lexsort((members["member"].astype(str), -member_risks(members)))[:WORST]
+    told = members.iloc[order]
+    risk, collided = told["risk"].to_numpy(float), told["collided"].to_numpy(float, na_value=np.nan)
+    names = zip(
+        told["member"].astype(str), risk.tolist(), collided.tolist(), told["repeat"].astype(str), strict=True
+    )
+    return tuple(
+        WorstMember(name, value, None if np.isnan(hit) else bool(hit), repeat)
+        for name, value, hit, repeat in names
+    )
+
+
+def calibrated(
+    risks: Sequence[ClusterRisk], held: Sequence[SimulatedRun], cluster: Mapping[str, str]
+) -> ReliabilityReport:
+    """Compare the risk of clusters, by their members that count, with the collisions of drives that were held out.
+
+    cluster: of recordings, by key. A held-out drive of no cluster, or of one without a risk, has no prediction.
+    """
+    by_name = {one.cluster: one.risk.value for one in risks}
+    predicted = np.array([by_name.get(cluster.get(run.recording, ""), np.nan) for run in held], dtype=float)
+    collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
+    return reliability(predicted, collided)
+
+
+def cover_notes(members: pd.DataFrame, drives: Sequence[TestDrive]) -> list[str]:
+    """Give what is to be known to believe what covers a space."""
+    out = []
+    if not any(one.own and one.verdict == "verified" for one in drives):
+        out.append("no test drive that this build drove is verified: no simulated member counts")
+    counts = members["counts"].to_numpy(bool)
+    if len(counts) and not counts.all():
+        why = members["why"][~counts].astype(str).value_counts()
+        out.append(
+            f"{int((~counts).sum())} of {len(counts)} simulated members do not count, most since: {why.index[0]}"
+        )
+    unknown = int((members["risk"].isna() | members["collided"].isna())[counts].sum())
+    if unknown:
+        out.append(f"{unknown} members that count have no known risk or end: they count as accidents")
+    return out

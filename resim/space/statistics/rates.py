@@ -1,0 +1,102 @@
+"""How often something happens: events over what was driven, with exact Poisson intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import gammaincinv
+
+from resim.core.geometry import Floats
+from resim.core.intervals import CONFIDENCE, exact
+from resim.core.spec import NumberOrNan
+
+
+@dataclass(frozen=True)
+class IntervalEstimate:
+    """A number with its interval, NaN where nothing is known.
+
+    Attributes:
+        value: The estimate.
+        low: Lower end.
+        high: Upper end.
+        confidence: Of the interval, two-sided.
+    """
+
+    value: NumberOrNan
+    low: NumberOrNan
+    high: NumberOrNan
+    confidence: float = CONFIDENCE
+
+    def overlaps(self, other: IntervalEstimate) -> bool:
+        """Say whether both intervals have a number in common."""
+        return bool(self.low <= other.high and other.low <= self.high)
+
+
+UNKNOWN = IntervalEstimate(np.nan, np.nan, np.nan)
+
+
+def poisson_limits(count: ArrayLike, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
+    """Give the exact interval (low, high) of the expected number of events of which `count` were seen, arrays.
+
+    F. Garwood, Fiducial limits for the Poisson distribution, Biometrika 28 (1936), continued to fractions.
+    """
+    seen, tail = np.asarray(count, dtype=float), 0.5 - 0.5 * confidence
+    low = np.where(seen > 0.0, gammaincinv(np.maximum(seen, 1e-300), tail), 0.0)
+    return np.asarray(low), np.asarray(gammaincinv(seen + 1.0, 1.0 - tail))
+
+
+def rate(
+    count: float, driven: float, spread: float = 1.0, confidence: float = CONFIDENCE
+) -> IntervalEstimate:
+    """Give the rate of events over what was driven, in its unit.
+
+    spread: how many events come at once, by variance over mean (`spread_of`): their interval is that of count / spread
+    occasions. NaN where nothing was driven.
+    """
+    if not driven > 0.0:
+        return IntervalEstimate(np.nan, np.nan, np.nan, confidence)
+    low, high = poisson_limits(count / spread, confidence)
+    return IntervalEstimate(
+        count / driven, float(low) * spread / driven, float(high) * spread / driven, confidence
+    )
+
+
+def spread_of(per_occasion: Sequence[int] | np.ndarray) -> float:
+    """Give by how much the variance of a number of events is larger than its mean, as they come several at an occasion.
+
+    per_occasion (O,): how many come at each. A sum of Poisson many occasions of size m has mean L E[m] and variance
+    L E[m²].
+    """
+    sizes = np.asarray(per_occasion, dtype=float)
+    return float((sizes**2).sum() / sizes.sum()) if sizes.sum() > 0.0 else 1.0
+
+
+def share(count: float, of: float, confidence: float = CONFIDENCE) -> IntervalEstimate:
+    """Give a share with its exact interval (Clopper and Pearson 1934), also of a mean of `of` numbers in [0, 1].
+
+    Of such numbers the interval is on the safe side: none varies more than 0 and 1 with the same mean. NaN of none.
+    """
+    if not of > 0.0:
+        return IntervalEstimate(np.nan, np.nan, np.nan, confidence)
+    low, high = exact(count / of, of, confidence=confidence)
+    return IntervalEstimate(count / of, float(low), float(high), confidence)
+
+
+def weighted_rate_limit(counts: Floats, weights: Floats, driven: float, confidence: float) -> float:
+    """Give an upper limit, at this one-sided confidence, of a sum of rates with weights.
+
+    counts (C,): events of each kind; weights (C,): at least 0; driven: in the unit of the rate. M. Fay and E. Feuer,
+    Confidence intervals for directly standardized rates, Statistics in Medicine 16 (1997): a gamma distribution whose
+    mean and variance have one event more, of the kind with the largest weight.
+    """
+    if not driven > 0.0:
+        return float("inf")
+    largest = float(weights.max(initial=0.0))
+    if largest == 0.0:
+        return 0.0
+    mean = float((counts * weights).sum()) + largest
+    variance = float((counts * weights**2).sum()) + largest**2
+    return float(variance / mean * gammaincinv(mean**2 / variance, confidence)) / driven

@@ -1,0 +1,91 @@
+"""What to do next: which drives or runs would shrink the upper limit of accidents most."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from resim.core.intervals import exact
+from resim.space.expected import ExposedScenarios, RiskLimit, expected_accidents, unseen_rate
+from resim.space.limits import ReleaseLimits
+from resim.space.traces import Ints
+
+RUNS = 1000
+"""Simulated members that one proposal adds to a cluster."""
+MOST = 20
+"""Proposals that are told."""
+
+
+@dataclass(frozen=True)
+class PlannedTest:
+    """A proposal.
+
+    Attributes:
+        what: `drive` more hours on the road, or `simulate` more variations of a cluster.
+        cluster: Of which; "" for drives.
+        medoid: Its test case.
+        amount: Hours, or members that count.
+        before: Upper limit of accidents an hour now.
+        after: The same if all goes as so far: no new kind seen once beyond what is expected, the same mean risk.
+        first: What has to come before it, "" for nothing.
+    """
+
+    what: Literal["drive", "simulate"]
+    cluster: str
+    medoid: str
+    amount: float
+    before: float
+    after: float
+    first: str
+
+
+def test_plan(
+    names: Sequence[str], exposed: ExposedScenarios, risks: Sequence[RiskLimit],
+    asked: tuple[float, ReleaseLimits], medoids: Mapping[str, str],
+) -> tuple[PlannedTest, ...]:  # fmt: skip
+    """Give proposals, the best first. asked: hours driven, and the limits."""
+    hours, limits = asked
+    if not hours > 0.0 or not len(exposed.kind):
+        return ()
+    before = expected_accidents(exposed, risks, hours, limits.confidence).high
+    out = [PlannedTest("drive", "", "", hours, before, _doubled(exposed, risks, asked), "")]
+    alpha = (1.0 - limits.confidence) / 3.0 / len(names)
+    for k, name in enumerate(names):
+        better = _more_members(risks[k], alpha)
+        changed = [*risks[:k], better, *risks[k + 1 :]]
+        after = expected_accidents(exposed, changed, hours, limits.confidence).high
+        first = "" if risks[k].known else "verify a test drive near its test case, and calibrate risk"
+        out.append(PlannedTest("simulate", name, medoids[name], float(RUNS), before, after, first))
+    ranked = sorted(out, key=lambda one: (one.after, one.what, one.cluster))
+    return tuple(one for one in ranked if one.after < before)[:MOST]
+
+
+test_plan.__test__ = False  # type: ignore[attr-defined]
+
+
+def _more_members(risk: RiskLimit, alpha: float) -> RiskLimit:
+    """The risk of a cluster with RUNS more members, of the mean that it has; of none without an accident."""
+    mean = 0.0 if np.isnan(risk.mean) else risk.mean
+    high = float(exact(mean, RUNS, confidence=1.0 - 2.0 * alpha)[1])
+    return RiskLimit(mean, risk.low, min(risk.high, high), True)
+
+
+def _doubled(
+    exposed: ExposedScenarios, risks: Sequence[RiskLimit], asked: tuple[float, ReleaseLimits]
+) -> float:
+    """The upper limit after as many hours again: all as before, and every kind seen once is seen again."""
+    hours, limits = asked
+    twice = ExposedScenarios(
+        np.concatenate([exposed.kind, exposed.kind]), _again(exposed.occasion), exposed.clusters
+    )
+    found = expected_accidents(twice, risks, 2.0 * hours, limits.confidence)
+    seen_once = unseen_rate(exposed, hours, (1.0 - limits.confidence) / 3.0)
+    # about half of the kinds seen once stay so or are new ones: the unseen share falls as 1 / n at best
+    return found.high - found.unseen + 0.5 * seen_once
+
+
+def _again(occasion: Ints) -> Ints:
+    return np.concatenate([occasion, occasion + occasion.max() + 1])

@@ -1,0 +1,76 @@
+"""How good kernels are, on the traces of vehicles that they were not trained on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from resim.core.correlation import RANKS, independent_nonlinear, nonlinear, pearson
+from resim.core.geometry import Floats
+from resim.variations.kernels import ManeuverKernel
+
+ENOUGH = 500
+"""Held-out traces of a maneuver below which nothing is shown."""
+UNCORRELATED = 0.15
+"""Largest correlation of two components, beyond the bias of the measure."""
+RECONSTRUCTED = 1e-3
+"""Largest mean relative reconstruction error: the published one."""
+
+
+@dataclass(frozen=True)
+class KernelEvaluation:
+    """What held-out traces say of a kernel.
+
+    Attributes:
+        label: The maneuver.
+        held_out: How many traces.
+        missing: How many more it takes until anything is shown.
+        linear: Largest absolute Pearson coefficient of two components; NaN for fewer than two traces.
+        nonlinear: Largest nonlinear coefficient of two components, less `bias`; NaN where there are too few traces.
+        bias: What independent components would have on average.
+        reconstruction: Mean relative error.
+    """
+
+    label: str
+    held_out: int
+    missing: int
+    linear: float
+    nonlinear: float
+    bias: float
+    reconstruction: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether there are enough traces."""
+        return self.missing == 0
+
+    @property
+    def uncorrelated(self) -> bool | None:
+        """Whether both measures are small; None where that is not shown."""
+        return max(self.linear, self.nonlinear) < UNCORRELATED if self.shown else None
+
+    @property
+    def reconstructed(self) -> bool | None:
+        """Whether the error is that published, or less; None where that is not shown."""
+        return self.reconstruction < RECONSTRUCTED if self.shown else None
+
+
+def evaluate(kernel: ManeuverKernel, held_out: Floats) -> KernelEvaluation:
+    """Evaluate a kernel on held-out features (M, F)."""
+    count = len(held_out)
+    scores = kernel.components(held_out)
+    linear = _largest(pearson(scores)) if count > 1 else np.nan
+    more, bias = np.nan, np.nan
+    if count >= RANKS:
+        bias = independent_nonlinear(count)
+        more = _largest(nonlinear(scores)) - bias
+    return KernelEvaluation(
+        kernel.label, count, max(ENOUGH - count, 0), linear, more, bias, kernel.reconstruction_held_out
+    )
+
+
+def _largest(matrix: Floats) -> float:
+    """The largest absolute element off the diagonal, 0 of a single one."""
+    off = np.abs(matrix[~np.eye(len(matrix), dtype=bool)])
+    return float(off.max(initial=0.0))

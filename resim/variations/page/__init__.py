@@ -1,0 +1,1 @@
+"""Pages of kernels and of variations."""

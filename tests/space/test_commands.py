@@ -1,0 +1,143 @@
+"""`resim space` on drawn traffic: from mined drives to a release verdict."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from mining.planted import random_traffic, write_straight
+from typer.testing import CliRunner
+
+from resim.cli import app
+from resim.core.errors import InputError
+from resim.jobs import space as job
+from resim.jobs.mine import MineOptions, mine
+from resim.jobs.schemas import schema_of
+from resim.recordings import Recording, write_recording
+from resim.recordings.tables import read_parquet
+
+LIMITS = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
+
+
+@pytest.fixture(scope="module")
+def mined(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two mined folders of drawn traffic."""
+    root = tmp_path_factory.mktemp("mined")
+    road = write_straight(root / "straight.xodr")
+    out = []
+    for seed in (1, 2):
+        tracks = random_traffic(np.random.default_rng(seed), 24, 16.0, 10.0)
+        write_recording(Recording(f"r{seed}", road, str(tracks.ids[0]), tracks, 10.0), root / f"r{seed}")
+        mine([root / f"r{seed}"], root / f"mined{seed}", MineOptions(write=False, accept=("OVERLAP",)))
+        out.append(root / f"mined{seed}")
+    return out
+
+
+def run(*told: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["space", *map(str, told)])
+    return done.exit_code, done.output
+
+
+def test_from_mined_drives_to_a_verdict(tmp_path: Path, mined: list[Path]) -> None:
+    space = tmp_path / "space"
+    code, words = run("build", mined[0], "--out", space)
+    assert code == 0, words
+    assert "kind not seen" in words
+    before = job.read_result(space)
+    clusters = before.clusters
+    assert clusters.columns.tolist() == [
+        "scenario",
+        "source",
+        "batch",
+        "bucket",
+        "cluster",
+        "medoid",
+        "to_medoid",
+    ]
+    assert clusters["medoid"].sum() == len(before.report.clusters())
+    n = clusters.groupby("bucket").size()
+    assert len(before.distances) == (n * (n - 1) // 2).sum()
+    assert before.distances["distance"].between(0.0, 12.0).all()
+    code, words = run("grow", space, mined[1])
+    assert code == 0, words
+    grown = job.read_result(space)
+    assert grown.report.scenarios == before.report.scenarios + len(
+        read_parquet(mined[1] / "scenarios.parquet")
+    )
+    assert [one.batch for one in grown.report.sources] == [0, 1]
+    code, words = run("release", space, "--limits", LIMITS, "--out", tmp_path / "release")
+    assert code == 1
+    assert words.startswith("not shown: The function may not be released")
+    assert "every scenario counts as an accident" in words
+    for name, file in (("space", space / "space.json"), ("release", tmp_path / "release" / "release.json")):
+        jsonschema.validate(json.loads(file.read_text()), schema_of(name))
+    code, words = run("build", mined[1], "--out", tmp_path / "other")
+    assert code == 0
+    code, words = run("compare", space, tmp_path / "other", "--out", tmp_path / "compared")
+    assert code == 0, words
+    told = json.loads((tmp_path / "compared" / "comparison.json").read_text())
+    jsonschema.validate(told, schema_of("space_comparison"))
+    assert told["only_other"] == 0  # all of it is in the first one, too
+    for page in (
+        space / "space.html",
+        tmp_path / "release" / "release.html",
+        tmp_path / "compared" / "comparison.html",
+    ):
+        assert page.read_text().startswith("<!DOCTYPE html>")
+
+
+def test_the_same_input_gives_the_same_bytes(tmp_path: Path, mined: list[Path]) -> None:
+    for name, workers in (("a", 1), ("b", 3)):
+        job.build(mined, tmp_path / name, workers=workers)
+    for file in (tmp_path / "a").iterdir():
+        assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes(), file.name
+
+
+def test_what_is_wrong_is_said(tmp_path: Path, mined: list[Path]) -> None:
+    with pytest.raises(InputError, match="no folder is given"):
+        job.build([], tmp_path / "space")
+    with pytest.raises(InputError, match=r"mined\.json"):
+        job.build([tmp_path], tmp_path / "space")
+    space = tmp_path / "space"
+    job.build([mined[0]], space)
+    with pytest.raises(InputError, match="in the space already"):
+        job.grow(space, [mined[0]])
+    with pytest.raises(InputError, match="no simulated drive is given"):
+        job.cover(space, [])
+    settings = tmp_path / "settings.toml"
+    settings.write_text('linkage = "ward"\n')
+    with pytest.raises(InputError, match="linkage"):
+        job.read_space_settings(settings)
+    settings.write_text('threshold = "silhouette"\nbucket = "vehicles"\n[distance]\nspeed = 0.5\n')
+    found = job.build([mined[0]], tmp_path / "chosen", job.read_space_settings(settings))
+    assert {one.chosen for one in found.report.buckets} == {"silhouette"}
+    with pytest.raises(InputError, match="Build both spaces with the same settings"):
+        job.compare(space, tmp_path / "chosen", tmp_path / "compared")
+    (space / "clusters.parquet").write_bytes(b"")
+    with pytest.raises(InputError, match="was changed"):
+        job.grow(space, [mined[1]])
+
+
+def test_several_egos_of_one_lane_change_are_one_occasion(mined: list[Path]) -> None:
+    source = job.read_mined(mined[0])
+    assert 1 <= source.rows["occasion"].nunique() < len(source.rows)
+    assert source.rows["map"].iloc[0].startswith("straight-")
+    hours = source.rows["hours"].to_numpy()
+    assert (hours >= 0.0).all()
+    assert hours.max() <= source.recordings[0].hours
+
+
+def test_own_egos_alone(tmp_path: Path, mined: list[Path]) -> None:
+    folder = mined[0].parent / "r1"
+    found = mine(
+        [folder], tmp_path / "own", MineOptions(write=False, around="surroundings", accept=("OVERLAP",))
+    )
+    assert found.report.egos == "own"
+    assert set(found.scenarios["ego"]) <= {found.report.parts[0].ego}
+    source = job.read_mined(tmp_path / "own")
+    assert source.egos == "own"
+    assert source.recordings[0].hours == pytest.approx(found.report.parts[0].ego_hours)
+    assert source.recordings[0].hours < job.read_mined(mined[0]).recordings[0].hours

@@ -1,0 +1,138 @@
+"""A space is built, and grows; how much was seen of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from space.families import drawn
+from space.spaces import KINDS, source, space_of
+
+from resim.core.errors import InputError
+from resim.space.agreement import adjusted_rand
+from resim.space.build import build_space, grow_space
+from resim.space.coverage import SeenScenarios, coverage, expands
+from resim.space.described import report
+from resim.space.settings import SpaceSettings
+
+
+def kinds(count: int, seed: int, of: tuple[str, ...] = KINDS) -> list[str]:
+    return np.random.default_rng(seed).choice(of, count).tolist()
+
+
+def test_clusters_have_names_medoids_and_rates() -> None:
+    told = report(space_of(list(KINDS) * 4, hours=2.0), {})
+    clusters = told.clusters()
+    assert len(clusters) == len(KINDS)
+    one = clusters["1.1"]
+    assert (one.members, one.occasions) == (4, 4)
+    assert one.per_hour.value == 2.0
+    assert one.per_hour.low < 2.0 < one.per_hour.high
+    assert one.per_kilometre.value == pytest.approx(0.02)
+    assert one.medoid.startswith("one_")
+    assert told.coverage.kinds.seen == len(KINDS)
+
+
+def test_growth_does_not_depend_on_the_order_of_drives() -> None:
+    base = [*KINDS[:6]] * 5
+    first, second, third = (source(f"s{k}", kinds(25, k), k) for k in range(1, 4))
+    built = space_of(base)
+    label = {}
+    for order in ((first, second, third), (third, first, second)):
+        grown = built
+        for one in order:
+            grown = grow_space(grown, [one])
+        rows = grown.rows.sort_values("scenario")
+        label[order[0].name] = (rows["scenario"].tolist(), rows["cluster"].tolist(), rows["medoid"].tolist())
+    assert label["s1"] == label["s3"]
+    together = grow_space(built, [first, second, third]).rows.sort_values("scenario")
+    assert label["s1"][1] == together["cluster"].tolist()
+
+
+def test_growth_keeps_what_was_built_and_is_near_a_space_built_anew() -> None:
+    built = space_of([*KINDS[:6]] * 5)
+    more = source("more", [*KINDS] * 4, 5)
+    grown = grow_space(built, [more])
+    before = grown.rows.iloc[: len(built.rows)]
+    assert before["cluster"].tolist() == built.rows["cluster"].tolist()
+    assert before["medoid"].tolist() == built.rows["medoid"].tolist()
+    new = {name for name in grown.rows["cluster"] if ".n" in name}
+    assert len(new) == len(KINDS) - 6
+    anew = build_space([source("one", [*KINDS[:6]] * 5, 0), more])
+    assert adjusted_rand(grown.rows["cluster"].to_numpy(str), anew.rows["cluster"].to_numpy(str)) >= 0.95
+    told = report(grown, {})
+    assert sum(one.members for one in told.clusters().values()) == len(grown.rows)
+
+
+def test_a_source_is_in_a_space_once_and_another_bucket_is_added() -> None:
+    built = space_of([*KINDS])
+    with pytest.raises(InputError, match="in the space already"):
+        grow_space(built, [source("one", [*KINDS], 0)])
+    other = source("other", [*KINDS[:3]], 9)
+    other.rows["lanes"] = 2
+    grown = grow_space(built, [other])
+    assert sorted(set(grown.rows["number"])) == [1, 2]
+    assert grown.rows["cluster"].iloc[-1].startswith("2.n")
+    alike = grow_space(space_of([*KINDS], settings=SpaceSettings(bucket="vehicles")), [other])
+    assert set(alike.rows["number"]) == {1}
+    assert not any(".n" in name for name in alike.rows["cluster"])
+
+
+def test_several_egos_that_see_the_same_do_not_make_a_kind_seen_twice() -> None:
+    alone = report(build_space([source("a", [*KINDS] * 2, 1)]), {}).coverage
+    twice = report(
+        build_space([source("b", [k for k in KINDS for _ in range(2)], 1, together=2)]), {}
+    ).coverage
+    assert alone.convergence.unseen.value == 0.0
+    assert twice.convergence.unseen.value == 1.0
+
+
+def test_discovery_stops_where_nothing_new_comes() -> None:
+    few = report(space_of([*KINDS[:3]] * 3), {}).coverage.convergence
+    assert not few.converged
+    assert few.missing > 50
+    assert few.missing_hours > 1.0
+    many = SeenScenarios(
+        np.arange(600) % 6,
+        np.arange(600),
+        np.full(600, 0.1),
+        np.arange(600.0),
+        np.arange(600.0),
+        (600.0, 600.0),
+    )
+    assert coverage(many).convergence.converged
+    assert coverage(many).discovery_per_hour.value == 0.0
+    assert coverage(many).discovery_per_hour.high > 0.0
+    growing = SeenScenarios(
+        np.arange(600) % 6,
+        np.arange(600),
+        np.arange(600.0) / 100.0,
+        np.arange(600.0),
+        np.arange(600.0),
+        (600.0, 600.0),
+    )
+    assert not coverage(growing).convergence.converged
+
+
+def test_who_expands_a_kind() -> None:
+    kind, distance = np.array([0, 0, 0, 1, 0]), np.array([0.0, 0.04, 0.2, 0.0, 0.22])
+    assert expands(kind, distance).tolist() == [True, False, True, True, False]
+
+
+def test_a_large_bucket_is_clustered_by_samples() -> None:
+    asked = kinds(300, 3)
+    exact, sampled = (
+        space_of(asked, settings=one) for one in (SpaceSettings(), SpaceSettings(largest=200, sample=90))
+    )
+    assert next(iter(sampled.links.values())).method == "samples"
+    found = [one.rows["cluster"].to_numpy(str) for one in (exact, sampled)]
+    assert adjusted_rand(*found) >= 0.95
+    again = space_of(asked, settings=SpaceSettings(largest=200, sample=90))
+    assert again.rows["cluster"].tolist() == sampled.rows["cluster"].tolist()
+
+
+def test_a_threshold_is_chosen_for_each_bucket() -> None:
+    found = space_of([*KINDS] * 6, settings=SpaceSettings(threshold="stability"))
+    how = next(iter(found.links.values()))
+    assert how.chosen == "stability"
+    assert len(set(found.rows["cluster"])) == len(KINDS)
+    assert len(drawn("follows", "x", np.random.default_rng(0))) == 1

@@ -1,0 +1,105 @@
+"""Which simulated drives count, and the risk of clusters by them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from space.families import drawn
+from space.spaces import KINDS, space_of
+
+from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members
+from resim.space.model import Space
+from resim.space.risk import calibrated, cluster_risks, cover_notes
+from resim.space.traces import joined
+
+BUCKET = "m-1, road 1 +, 3 lanes, 4 vehicles"
+DRIVE = TestDrive("drive", "drive", "b", "p", "verified", True)
+RUN = SimulatedRun("sweep:1", "run", "b", "p", 0.01, False)
+
+
+@pytest.fixture(scope="module")
+def space() -> Space:
+    return space_of([*KINDS[:4]] * 6)
+
+
+def known(run: str = KINDS[0], drive: str = KINDS[0], scenario: str = "") -> DrivenTraces:
+    rng = np.random.default_rng(5)
+    traces = joined([drawn(run, "run", rng, 0.5), drawn(drive, "drive", rng, 0.5)])
+    return DrivenTraces(traces, {"run": BUCKET, "drive": BUCKET}, {"run": scenario, "drive": ""})
+
+
+def test_a_run_near_a_verified_test_drive_counts(space: Space) -> None:
+    found = judged_members(space, [RUN], [DRIVE], known(), 0.7).iloc[0]
+    assert found["counts"]
+    assert found["why"] == ""
+    assert found["cluster"] == space.rows["cluster"].iloc[0]
+    assert found["drive"] == "drive"
+    assert found["drive_distance"] < 0.7
+
+
+@pytest.mark.parametrize(
+    ("drives", "run", "traces", "why"),
+    [
+        ([], RUN, known(), "no drive was verified with this build and perception"),
+        ([replace(DRIVE, build="other")], RUN, known(), "no drive was verified with this build"),
+        ([replace(DRIVE, perception="")], RUN, known(), "no drive was verified with this build and perception"),
+        ([replace(DRIVE, own=False)], RUN, known(), "people's drives are no test drives"),
+        ([replace(DRIVE, verdict="undecided")], RUN, known(), "no test drive of this build is verified"),
+        ([DRIVE], RUN, known(drive=KINDS[3]), "the nearest verified test drive is"),
+        ([DRIVE], replace(RUN, changed="perception.latency.speed is swept"), known(), "it is not what was verified"),
+        ([DRIVE], replace(RUN, trust="outside"), known(), "its variation lies outside"),
+        ([DRIVE], replace(RUN, trust="unknown"), known(), "it is unknown whether its variation"),
+        ([DRIVE], replace(RUN, recording="elsewhere"), known(), "its slots are not known"),
+        ([DRIVE], RUN, known(run="jam", drive="jam"), "is in no cluster"),
+    ],
+)  # fmt: skip
+def test_others_do_not_and_say_why(
+    space: Space, drives: list[TestDrive], run: SimulatedRun, traces: DrivenTraces, why: str
+) -> None:
+    found = judged_members(space, [run], drives, traces, 0.7).iloc[0]
+    assert not found["counts"]
+    assert why in found["why"]
+
+
+def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Space) -> None:
+    rows = space.rows[space.rows["cluster"] == "1.1"]
+    medoid = space.traces.take(space.traces.rows_of(rows["scenario"][rows["medoid"]].astype(str).tolist()))
+    name = str(rows["scenario"].iloc[0])
+    far = drawn(
+        KINDS[3], "run", np.random.default_rng(0)
+    )  # as simulated it is elsewhere; the space says what it is
+    drive = replace(medoid, names=np.array(["drive"]))
+    traces = DrivenTraces(joined([far, drive]), {"run": BUCKET, "drive": BUCKET}, {"run": name, "drive": ""})
+    assert clusters_of(space, traces)["run"] == "1.1"
+    assert judged_members(space, [RUN], [DRIVE], traces, 0.1).iloc[0]["counts"]
+
+
+def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
+    own = replace(space, rows=space.rows.assign(build="f-1"))
+    runs = [RUN, replace(RUN, name="2", risk=0.5), replace(RUN, name="3", risk=np.nan),
+            replace(RUN, name="4", trust="outside"),
+            replace(RUN, name="5", collided=True, risk=0.2, repeat="again")]  # fmt: skip
+    members = judged_members(own, runs, [DRIVE], known(), 0.7)
+    found = {one.cluster: one for one in cluster_risks(own, members, "f-1")}
+    one = found["1.1"]
+    assert (one.measured, one.counted, one.not_counted, one.unknown, one.collided) == (6, 4, 1, 1, 1)
+    assert one.values == (1.0, 1.0, 0.5, 0.01, *[0.0] * 6)
+    assert one.risk.value == pytest.approx(2.51 / 10)
+    assert one.worst[0].member in ("3", "5")
+    assert found["1.2"].values == (0.0,) * 6
+    of_people = {one.cluster: one for one in cluster_risks(space, members, "f-1")}
+    assert of_people["1.1"].measured == 0
+    assert not of_people["1.2"].values
+    assert any("do not count" in note for note in cover_notes(members, [DRIVE]))
+
+
+def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
+    members = judged_members(space, [replace(RUN, name=str(k)) for k in range(50)], [DRIVE], known(), 0.7)
+    risks, cluster = cluster_risks(space, members, "f-1"), clusters_of(space, known())
+    held = [replace(RUN, name=f"h{k}") for k in range(200)]
+    assert calibrated(risks, held, cluster).verdict == "calibrated"
+    assert calibrated(risks, [replace(one, collided=True) for one in held], cluster).verdict == "too low"
+    assert calibrated(risks, held[:5], cluster).verdict == "not shown"
+    assert calibrated(risks, [replace(one, recording="elsewhere") for one in held], {}).unknown == 200

@@ -1,0 +1,181 @@
+"""Release: missing data never make it better; what it says of good, bad and unknown functions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from space.spaces import KINDS, source, space_of
+
+from resim.space.build import build_space
+from resim.space.calibration import reliability
+from resim.space.comparison import compare_spaces, together
+from resim.space.limits import ReleaseLimits, read_limits
+from resim.space.members import MEMBER_COLUMNS
+from resim.space.model import Space
+from resim.space.release import ReleaseReport, decide, release_case, release_checks, verdict_of
+from resim.space.risk import CoverReport, cluster_risks
+
+SHIPPED = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
+HASHES = {"space": "", "cover": "", "limits": ""}
+GOOD = reliability(np.repeat([0.001, 0.02], 4000), np.zeros(8000))
+
+
+def limits(per_hour: float, **more: object) -> ReleaseLimits:
+    told = {"name": "t", "least_seen": 0.9, "least_seen_source": "test", "least_members": 30,
+            "limit": [{"per": "hour", "accidents": per_hour, "source": "test"}]}  # fmt: skip
+    return ReleaseLimits.model_validate({**told, **more})
+
+
+def members(space: Space, each: int, risk: float) -> pd.DataFrame:
+    """So many members that count in each cluster, of this risk."""
+    rows = [
+        (f"{name}:{k}", "o", name, "d", 0.1, risk, False, True, "", "repeat")
+        for name in sorted(set(space.rows["cluster"])) for k in range(each)
+    ]  # fmt: skip
+    frame = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS))
+    return frame.astype({"collided": "boolean"})
+
+
+def cover(space: Space, frame: pd.DataFrame, calibration: object = GOOD) -> CoverReport:
+    risks = cluster_risks(space, frame, "f-1")
+    return CoverReport({}, {}, "", "b", "f-1", "", 0.7, 1, risks, calibration, ())  # type: ignore[arg-type]
+
+
+def decided(
+    space: Space, frame: pd.DataFrame, asked: ReleaseLimits, calibration: object = GOOD
+) -> ReleaseReport:
+    return decide(space, cover(space, frame, calibration), asked, HASHES)
+
+
+@pytest.fixture(scope="module")
+def seen() -> Space:
+    return space_of([*KINDS[:5]] * 40, hours=200.0)
+
+
+def test_a_function_that_is_safe_in_all_that_is_known_is_released(seen: Space) -> None:
+    found = decided(seen, members(seen, 5000, 0.0), limits(0.1))
+    assert found.verdict == "good"
+    assert found.statement.startswith("The AD function is tested against a set of scenarios we trust")
+    assert not found.forbidding
+    assert found.remaining.share.value == 1.0
+    budget = found.budgets[0]
+    assert budget.thin == 0.0
+    assert 0.0 < budget.unseen < budget.high <= 0.1
+
+
+def test_a_function_that_crashes_is_not_and_the_cluster_is_named(seen: Space) -> None:
+    frame = members(seen, 5000, 0.0)
+    frame.loc[frame["cluster"] == "1.2", "risk"] = 0.5
+    calibration = reliability(np.repeat([0.001, 0.5], 4000), np.repeat([0.0, 0.4], 4000))
+    found = decided(seen, frame, limits(0.06), calibration)
+    assert found.verdict == "bad"
+    assert [one.cluster for one in found.forbidding] == ["1.2"]
+    assert found.forbidding[0].why == "risk"
+    assert found.remaining.enough
+    assert found.remaining.share.value == pytest.approx(0.8)
+    assert found.remaining.share.low < 0.8 < found.remaining.share.high
+
+
+@pytest.mark.parametrize(
+    "what", ["no cover", "no calibration", "few members", "no members", "no hours", "too low"]
+)
+def test_what_is_not_known_is_not_shown(seen: Space, what: str) -> None:
+    frame, calibration, space = members(seen, 5000, 0.0), GOOD, seen
+    if what == "no cover":
+        assert decide(seen, None, limits(0.1), HASHES).verdict == "not shown"
+        return
+    if what == "no calibration":
+        calibration = None
+    if what == "few members":
+        frame = members(seen, 20, 0.0)
+    if what == "no members":
+        frame = frame[frame["cluster"] != "1.1"]
+    if what == "no hours":
+        space = replace(seen, sources=tuple(replace(one, hours=np.nan) for one in seen.sources))
+    if what == "too low":
+        calibration = reliability(np.full(4000, 0.001), np.repeat([0.0, 1.0], 2000))
+    found = decided(space, frame, limits(0.1), calibration)
+    assert found.verdict == "not shown"
+    assert found.statement.startswith("The function may not be released")
+    assert found.notes or found.forbidding
+
+
+def test_with_too_little_data_it_says_what_to_do(seen: Space) -> None:
+    small = space_of([*KINDS[:5]] * 2, hours=1.0)
+    found = decided(small, members(small, 40, 0.0), limits(1e-3))
+    assert found.verdict == "not shown"
+    assert found.plan
+    assert all(one.after < one.before for one in found.plan)
+    assert [one.after for one in found.plan] == sorted(one.after for one in found.plan)
+    assert {one.what for one in found.plan} == {"drive", "simulate"}
+
+
+@cache
+def some_space(seed: int) -> Space:
+    return space_of(np.random.default_rng(seed).choice(KINDS[:4], 30).tolist(), seed=seed, hours=10.0)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    seed=st.integers(0, 10_000), part=st.sampled_from(["risk", "collided", "counts", "calibration", "hours"])
+)
+def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
+    rng = np.random.default_rng(seed)
+    space = some_space(seed % 3)
+    frame = members(space, int(rng.integers(5, 80)), 0.0)
+    frame["risk"] = rng.beta(0.1, 2.0, len(frame))
+    frame["counts"] = rng.random(len(frame)) < 0.8
+    asked = limits(float(10.0 ** rng.uniform(-0.5, 2.5)), least_seen=0.3)
+    lost = rng.random(len(frame)) < rng.random()
+    worse, calibration, poorer = frame.copy(), GOOD, space
+    if part == "risk":
+        worse.loc[lost, "risk"] = np.nan
+    elif part == "collided":
+        worse.loc[lost, "collided"] = pd.NA
+    elif part == "counts":
+        worse.loc[lost, "counts"] = False
+    elif part == "calibration":
+        calibration = None
+    else:
+        poorer = replace(space, sources=tuple(replace(one, hours=np.nan) for one in space.sources))
+    one, two = (
+        release_case(s, cover(s, f, c), asked)
+        for s, f, c in ((space, frame, GOOD), (poorer, worse, calibration))
+    )
+    before, after = (
+        verdict_of(release_checks(case, {per: case.accidents(per) for per in case.driven}), case.believed)
+        for case in (one, two)
+    )
+    assert after != "good" or before == "good"
+    assert two.accidents("hour").high >= one.accidents("hour").high - 1e-12
+    assert all(b.high >= a.high - 1e-12 for a, b in zip(one.risk, two.risk, strict=True))
+
+
+def test_the_limits_that_ship_have_sources() -> None:
+    found, digest = read_limits(SHIPPED)
+    assert {one.per for one in found.limit} == {"hour", "kilometre"}
+    assert all(len(one.source) > 20 for one in found.limit)
+    assert len(digest) == 64
+
+
+def test_two_spaces_beside_each_other() -> None:
+    people = build_space([source("people", [*KINDS[:6]] * 40, 1)])
+    robots = build_space([source("robots", [*KINDS[3:9]] * 40, 2)])
+    found = compare_spaces(together(people, robots), ("people", "robots"), ("", ""))
+    assert (found.only_one, found.only_other) == (3, 3)
+    assert found.only_one_share.value == pytest.approx(0.5)
+    assert found.apart.value == pytest.approx(0.5)
+    assert 0.3 < found.apart.low < 0.5 < found.apart.high
+    assert sum(kind.one for kind in found.kinds) == 240
+    alike = compare_spaces(
+        together(people, build_space([source("p2", [*KINDS[:6]] * 40, 3)])), ("a", "b"), ("", "")
+    )
+    assert alike.apart.value == pytest.approx(0.0)
+    assert alike.apart.high > 0.0

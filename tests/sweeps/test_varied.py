@@ -1,0 +1,86 @@
+"""Variations as parameters of a sweep: which drive a run is of, how far it is, and what is legitimised."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from traced import kernel_file
+
+from resim.core.errors import InputError
+from resim.jobs.sweep import SweepOptions, report_sweep, sweep
+from resim.jobs.vary import VaryOptions, vary
+from resim.sweeps.sweep_file import read_sweep_file
+from resim.variations.kernels import write_kernels
+from resim.variations.settings import VariationSettings, WhatVaries
+
+ROOT = Path(__file__).parents[2]
+FILE = """name = "varied"
+criteria = "{root}/scenarios/criteria/highway.toml"
+build = ["{root}/adfunc/builds/idm-1.0.toml"]
+engine = "direct"
+seeds = 1
+{plan}
+
+[variation]
+kernels = "kernels.json"
+object = ["1"]
+maneuver = ["lane_change_right"]
+box = 0.02
+
+[[recording]]
+folder = "{root}/scenarios/cut_in_brake"
+
+{parameters}
+"""
+NUMBER = '[[parameter]]\nname = "variation.number"\nlow = 0.0\nhigh = {high}\nsteps = {steps}\n'
+
+
+def written(folder: Path, parameters: str, plan: str = "") -> Path:
+    write_kernels(kernel_file("lane_change_right"), folder / "kernels.json")
+    path = folder / "varied.toml"
+    path.write_text(FILE.format(root=ROOT, parameters=parameters, plan=plan), encoding="utf-8")
+    return path
+
+
+def test_a_run_is_of_the_variation_of_its_number(tmp_path: Path) -> None:
+    file = written(tmp_path, NUMBER.format(high=3.0, steps=4))
+    rows = sweep(file, tmp_path / "out", SweepOptions(workers=1)).table
+    assert rows["failure"].isna().all()
+    options = VaryOptions(WhatVaries(("1",), ("lane_change_right",)), VariationSettings(box=0.02), write=False,
+                          workers=1)  # fmt: skip
+    same = vary(
+        ROOT / "scenarios" / "cut_in_brake",
+        tmp_path / "kernels.json",
+        tmp_path / "v",
+        count=3,
+        options=options,
+    )
+    np.testing.assert_allclose(rows["variation_distance"], [0.0, *same.table["distance"]], rtol=1e-12)
+    assert (rows["variation_trust"] == "unknown").all()
+    assert rows["case"].nunique() == 4
+    found = report_sweep(tmp_path / "out")
+    assert found.variations == {"unknown": 4}
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "4 of 4 runs are not legitimised by a verified range of their origin" in page
+
+
+def test_components_move_by_standard_deviations(tmp_path: Path) -> None:
+    parameter = '[[parameter]]\nname = "variation.c{}"\nvalues = [0.0, {}]\n'
+    file = written(tmp_path, parameter.format(1, 0.1) + parameter.format(2, -0.2))
+    rows = sweep(file, tmp_path / "out", SweepOptions(workers=1)).table
+    wanted = np.hypot(rows["variation.c1"], rows["variation.c2"])
+    np.testing.assert_allclose(rows["variation_distance"], wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "plan", "problem"),
+    [
+        (NUMBER.format(high=3.0, steps=3), "", "expected whole numbers from 0 on"),
+        (NUMBER.format(high=3.0, steps=4), 'plan = "halton"', "expected whole numbers from 0 on"),
+        ('[[parameter]]\nname = "variation.speed"\nvalues = [1.0]\n', "", "there are variation.number"),
+        ('[[parameter]]\nname = "function.threat_time"\nvalues = [1.0]\n', "", "without a parameter of it"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused(tmp_path: Path, parameters: str, plan: str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem):
+        read_sweep_file(written(tmp_path, parameters, plan))

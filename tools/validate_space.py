@@ -1,0 +1,113 @@
+"""The whole story of the scenario space on traffic of SUMO, from drives to a verdict, with the time of each step.
+
+    python tools/validate_space.py [HOURS [OUT]]
+
+People's traffic and the function's test drives on networks/motorway.xodr (0.1 h each if nothing is said), mined; spaces
+of both, compared; the test drives verified; the space covered by the verified drives, half of them held out; a verdict.
+With so little data it is `not shown`, and says how much is missing. `resim traffic --build` drives the function.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+MAP = ROOT / "networks" / "motorway.xodr"
+BUILD = ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
+CRITERIA = ROOT / "scenarios" / "criteria"
+
+
+def resim(*told: object, may_end: tuple[int, ...] = (0,)) -> str:
+    """Run a command, tell how long it took, and give what it printed. Raises SystemExit where it fails."""
+    begin = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, "-m", "resim", *map(str, told)], capture_output=True, text=True, check=False
+    )
+    words = " ".join(str(one.name if isinstance(one, Path) else one) for one in told)
+    print(f"| `resim {words[:100]}` | {done.returncode} | {time.monotonic() - begin:.0f} |", flush=True)
+    if done.returncode not in may_end:
+        sys.exit(f"{words}: {done.stderr[-2000:]}")
+    return done.stdout
+
+
+def folders(where: Path) -> list[Path]:
+    return sorted(one for one in where.iterdir() if (one / "recording.toml").is_file())
+
+
+def main() -> int:
+    hours = float(sys.argv[1]) if len(sys.argv) > 1 else 0.1
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(scratch)
+        story(hours, out)
+    return 0
+
+
+def story(hours: float, out: Path) -> None:
+    """All steps, each a command of resim."""
+    print("| command | exit | s |\n|---|---|---|")
+    resim("traffic", MAP, "--out", out / "people", "--hours", hours, "--seed", 1)
+    resim(
+        "traffic",
+        MAP,
+        "--out",
+        out / "drives",
+        "--hours",
+        hours,
+        "--seed",
+        2,
+        "--build",
+        BUILD,
+        may_end=(0, 1),
+    )
+    resim("mine", *folders(out / "people"), "--out", out / "mined", "--scenarios", "rows")
+    resim("mine", *folders(out / "drives"), "--out", out / "mined_drives", "--scenarios", "recordings",
+          "--around", "surroundings",
+          "--accept", "OVERLAP")  # fmt: skip
+    resim("space", "build", out / "mined", "--out", out / "space_people")
+    space = out / "space"
+    resim("space", "build", out / "mined_drives", "--out", space)
+    compared = resim("space", "compare", out / "space_people", space, "--out", out / "compared")
+    verified = [verify(out, number) for number in (1, 2)]
+    covered = resim("space", "cover", space, "--sweep", verified[0], "--held-out", verified[1])
+    released = resim(
+        "space",
+        "release",
+        space,
+        "--limits",
+        CRITERIA / "release.toml",
+        "--out",
+        out / "release",
+        may_end=(0, 1),
+    )
+    print(f"\n```\n{compared}\n{covered}\n{released}```")
+    verdict = json.loads((out / "release" / "release.json").read_text())["verdict"]
+    print(f"\nverdict: {verdict}")
+
+
+def verify(out: Path, number: int) -> Path:
+    """Verify every second test drive from the number-th on."""
+    whole = out / "all.toml"
+    resim(
+        "suite",
+        "new",
+        out / "mined_drives" / "recordings",
+        "--out",
+        whole,
+        "--criteria",
+        CRITERIA / "highway.toml",
+    )
+    head, *drives = whole.read_text(encoding="utf-8").split("[[recording]]")
+    suite = out / f"half_{number}.toml"
+    suite.write_text("[[recording]]".join([head, *drives[number - 1 :: 2]]), encoding="utf-8")
+    whole.unlink()
+    resim("verify", suite, "--build", BUILD, "--out", out / f"verified_{number}", may_end=(0, 1, 2))
+    return out / f"verified_{number}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
