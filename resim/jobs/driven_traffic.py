@@ -58,8 +58,18 @@ def read_ego(
 ) -> TrafficEgo | None:
     """Read what the settings or the call name, and refuse early what cannot be used; None where nothing is named.
 
-    file: of the settings, from which their paths are seen. Raises InputError, and ResimError for an unknown vehicle
-    model.
+    Args:
+        file: Of the settings, from which their paths are seen.
+        settings: Of the EGO.
+        build: Build file of the call, None for that of the settings.
+        perception: Perception model of the call, None for that of the settings.
+
+    Returns:
+        Who drives and what is sensed, None where nothing is asked.
+
+    Raises:
+        InputError: A file is wrong.
+        ResimError: The vehicle model is unknown.
     """
     driver = build or (joined(file, settings.build) if settings.build is not None else None)
     seen = perception or (joined(file, settings.perception) if settings.perception is not None else None)
@@ -101,7 +111,18 @@ def with_ego(
 ) -> EgoWindow | None:
     """Give the part of the window in which its EGO is there, driven and sensed as is asked; None without an EGO.
 
-    Raises ResimError where the function cannot be used.
+    Args:
+        window: Traffic.
+        ego: Who drives and what is sensed.
+        network: Its map.
+        rate: Samples a second [Hz].
+        seed: Of the perception.
+
+    Returns:
+        The part as a recording, None where nobody is there for long enough.
+
+    Raises:
+        ResimError: The function cannot be used.
     """
     name = _longest(window.tracks, ego.settings.kind)
     if name is None:

@@ -125,7 +125,7 @@ def test_a_file_of_ones_own_goes_before_the_published_and_like_follows_it(writte
         ({"car": {"provenance": ""}}, "kinds.car: .*expected one of ctra, walking and like"),
         ({"car": {"provenance": "", "like": "horse"}}, "kinds.car.like"),
         ({"car": {"provenance": "", "like": "van"}}, "car like van like car"),
-        ({"horse": {"provenance": "", "ctra": CAR}}, "kinds.horse"),
+        ({"horse": {"provenance": "", "ctra": CAR}}, "a name is .horse."),
         ({}, "kinds"),
     ],
 )  # fmt: skip

@@ -144,7 +144,7 @@ acceleration = 20.0
         ("[path]\noffset = { mean = 0.0, sdd = 0.2 }", "path.offset.sdd: there is no such field"),
         ("change_type = 0.5", "type: expected types of vehicles"),
         ('[[weather]]\nprecipitation = "rain"', "intensity: expected 0 where it is dry"),
-        ("[path]\nspacing = 0.0", "path.spacing: expected more than 0, found 0.0"),
+        ("[path]\nspacing = 0.0", "path.spacing: expected 0.05 or more, found 0.0"),
     ],
 )
 def test_faults_are_told(origin: Path, tmp_path: Path, text: str, told: str) -> None:
