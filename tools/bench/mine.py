@@ -118,7 +118,8 @@ def made_before(folder: Path) -> None:
     recorded = sum(float(np.ptp(read_recording(one).gt.t)) for one in folders)
     parts = found.report.parts
     told = {
-        "realtime_factor": round(recorded / spent, 1), "vehicles_per_s": round(sum(p.objects for p in parts) / spent, 1),
+        "realtime_factor": round(recorded / spent, 1),
+        "vehicles_per_s": round(sum(p.objects for p in parts) / spent, 1),
         "seconds": round(spent, 1), "wall_s": round(whole, 1), "recorded_s": round(recorded, 1),
         "recordings": len(parts), "vehicle_hours": round(sum(p.hours for p in parts), 2),
         "scenarios": len(found.scenarios), "memory_mb_first": peaks[0], "memory_mb": peaks[-1],
