@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -29,37 +30,80 @@ NEAR, AROUND = 30.0, 150.0
 extracted, and of moments of a test drive, which are judged as the drive is."""
 
 
-def cut(
-    tables: RecordingTables,
-    recording: Recording,
-    one: ExtractedScenario,
-    name: str,
-    about: str,
-    reach: float = NEAR,
-) -> RecordingTables:
+class TimedRows:
+    """The rows of a table by time: a window is found without a look at all of them."""
+
+    def __init__(self, frame: pd.DataFrame) -> None:
+        t = frame["t"].to_numpy(float)
+        self._frame, self._order = frame, np.argsort(t, kind="stable")
+        self._t = t[self._order]
+
+    def between(self, start: float, end: float) -> pd.DataFrame:
+        """Give the rows from start to end [s], as they are ordered in the table."""
+        first, last = (
+            np.searchsorted(self._t, start - TICK),
+            np.searchsorted(self._t, end + TICK, side="right"),
+        )
+        return self._frame.iloc[np.sort(self._order[first:last])]
+
+
+@dataclass(frozen=True, eq=False)
+class CutSource:
+    """What scenarios are cut out of.
+
+    Attributes:
+        recording: The recording.
+        tables: Its tables, as they are written.
+        reach: Distance [m] from the EGO within which everybody is in a scenario's recording.
+    """
+
+    recording: Recording
+    tables: RecordingTables
+    reach: float = NEAR
+
+    @cached_property
+    def gt(self) -> TimedRows:
+        """The rows of ground truth."""
+        return TimedRows(self.tables.gt)
+
+    @cached_property
+    def sd(self) -> TimedRows | None:
+        """The rows of sensor data with their GT ids, None where there are none."""
+        table, sd, names = self.tables.sd, self.recording.sd, self.recording.sd_gt_id
+        if table is None or sd is None or names is None:
+            return None
+        if GT_ID in table:
+            return TimedRows(table)
+        of = dict(zip(sd.ids.tolist(), names.tolist(), strict=True))
+        return TimedRows(table.assign(**{GT_ID: table["id"].map(lambda name: of.get(name, ""))}))
+
+
+def cut(source: CutSource, one: ExtractedScenario, name: str, about: str) -> RecordingTables:
     """Give a scenario as a recording: the window of GT with EGO and members, and of SD and plans where there are any.
 
     Rows are taken as they are written, repeated ones, those without values, and their marks too: what is doubtful of a
-    drive is doubtful of its parts. Who comes within `reach` [m] is in it, and whoever has a row without values. A
-    recording needs its EGO at all times: it is the part of the window in which it is there. Times begin at 0.
+    drive is doubtful of its parts. Who comes within reach is in it, and whoever has a row without values. A recording
+    needs its EGO at all times: it is the part of the window in which it is there. Times begin at 0.
     about: for its provenance. Raises ResimError where the EGO has fewer than two samples there.
     """
+    recording, tables = source.recording, source.tables
     gt = recording.gt
     steps = np.arange(one.ego_start, one.ego_end + 1)
     steps = steps[gt.valid[one.ego, steps]]
     if len(steps) < LEAST:
         raise ResimError("the EGO has fewer than two samples in it")
     start, end, ego = float(gt.t[steps[0]]), float(gt.t[steps[-1]]), str(gt.ids[one.ego])
-    rows = _between(tables.gt, start, end)
+    rows = source.gt.between(start, end)
     lacking = rows["id"][~np.isfinite(rows[list(VALUES)].to_numpy(float)).all(axis=1)]
-    kept = {ego, *gt.ids[_near(gt, one, steps, reach)].tolist(), *lacking.tolist()}
-    own = rows["t"][rows["id"] == ego].to_numpy(float)
-    at = own[np.clip(np.searchsorted(own, rows["t"].to_numpy(float) - TICK), 0, len(own) - 1)]
-    rows = rows[rows["id"].isin(kept) & (np.abs(at - rows["t"].to_numpy(float)) <= TICK)]
-    sd, own_drive = _sensed(tables, recording, kept, (start, end)), ego == recording.ego
+    kept = {ego, *gt.ids[_near(gt, one, steps, source.reach)].tolist(), *lacking.tolist()}
+    t = rows["t"].to_numpy(float)
+    own = np.sort(t[(rows["id"] == ego).to_numpy()])
+    at = own[np.clip(np.searchsorted(own, t - TICK), 0, len(own) - 1)]
+    rows = rows[rows["id"].isin(kept) & (np.abs(at - t) <= TICK)]
+    sd, own_drive = _sensed(source, kept, (start, end)), ego == recording.ego
     plan = tables.plan if own_drive else None
     if plan is not None:
-        plan = _between(plan, start, end)
+        plan = TimedRows(plan).between(start, end)
         plan = plan.assign(t=plan["t"] - start, t_plan=plan["t_plan"] - start).reset_index(drop=True)
     told = {"mined_from": recording.name, "mined": about, "original_start_s": f"{start:.9g}"}
     settings = tables.settings.model_copy(update={
@@ -82,27 +126,17 @@ def _near(gt: Tracks, one: ExtractedScenario, steps: np.ndarray, reach: float) -
     return out
 
 
-def _between(frame: pd.DataFrame, start: float, end: float) -> pd.DataFrame:
-    return frame[(frame["t"] >= start - TICK) & (frame["t"] <= end + TICK)]
-
-
 def _shifted(frame: pd.DataFrame, start: float) -> pd.DataFrame:
     out = frame.assign(t=np.round(frame["t"] - start, 9))
     out.index = pd.RangeIndex(2, len(out) + 2)
     return out
 
 
-def _sensed(
-    tables: RecordingTables, recording: Recording, kept: set[str], window: tuple[float, float]
-) -> pd.DataFrame | None:
+def _sensed(source: CutSource, kept: set[str], window: tuple[float, float]) -> pd.DataFrame | None:
     """SD of those kept and of nobody in a window [s], with their GT ids; None where there is none."""
-    sd, names = recording.sd, recording.sd_gt_id
-    if tables.sd is None or sd is None or names is None:
+    if source.sd is None:
         return None
-    of = dict(zip(sd.ids.tolist(), names.tolist(), strict=True))
-    told = tables.sd[GT_ID] if GT_ID in tables.sd else tables.sd["id"].map(lambda name: of.get(name, ""))
-    rows = tables.sd.assign(**{GT_ID: told})
-    rows = _between(rows, *window)
+    rows = source.sd.between(*window)
     rows = rows[rows[GT_ID].isin({*kept, ""})]
     return rows if len(rows) else None
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import pandas as pd
 
 from resim.core.errors import ResimError
-from resim.mining.cutting import NEAR, cut, write_cut, write_described
+from resim.mining.cutting import CutSource, cut, write_cut, write_described
 from resim.mining.extraction import ExtractedScenario
 from resim.mining.slots import map_folder
-from resim.recordings import Recording, RecordingTables, read_recording
+from resim.recordings import read_recording
 from resim.road.opendrive import load
 
 FILES = ("folder", "jscen", "note")
@@ -39,21 +39,6 @@ class FitTask:
     file: Path
 
 
-@dataclass(frozen=True, eq=False)
-class CutSource:
-    """What scenarios are cut out of.
-
-    Attributes:
-        recording: The recording.
-        tables: Its tables, as they are written.
-        reach: Distance [m] from the EGO within which everybody is in a scenario's recording.
-    """
-
-    recording: Recording
-    tables: RecordingTables
-    reach: float = NEAR
-
-
 def fit_scenario(task: FitTask) -> str:
     """Fit a scenario and write it as JSCEN; gives "", or why it cannot be fitted."""
     try:
@@ -71,16 +56,12 @@ def write_scenarios(
 
     fit: whether the table says where JSCEN files are to be, which are still to be written.
     """
-    recording = source.recording
-    road = map_beside(recording.map, out)
+    road = map_beside(source.recording.map, out)
     rows = []
     for one, name in zip(scenarios, frame["scenario"].tolist(), strict=True):
         labels = ", ".join(dict.fromkeys(m.label for m in one.triggers))
         try:
-            scenario = cut(source.tables, recording, one, name, labels, source.reach)
-            target = out / "recordings" / name
-            if not target.is_dir():
-                write_cut(scenario, target, road)
+            write_cut(cut(source, one, name, labels), out / "recordings" / name, road)
         except ResimError as e:
             rows.append(("", "", str(e)))
         else:

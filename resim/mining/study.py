@@ -22,7 +22,7 @@ from resim.core.files import check_hashes, file_hash
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
-from resim.mining.cutting import AROUND, NEAR
+from resim.mining.cutting import AROUND, NEAR, CutSource
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
@@ -33,7 +33,6 @@ from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
 from resim.mining.scenario_files import (
     JOINT,
-    CutSource,
     FitTask,
     fit_tasks,
     forget_scenarios,

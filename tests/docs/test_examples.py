@@ -431,6 +431,7 @@ def test_drives_whose_truth_is_known_are_made_as_the_guide_says(
         "out/kinds": 3,
         "out/traffic": 1,
         "out/drives": 1,
+        "out/sensed": 1,
         "out/town": 2,
         "out/augmented": 5,
     }

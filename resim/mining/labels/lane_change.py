@@ -2,7 +2,8 @@
 
 Kaefer 2022, 4.5.6.2; Wagner 2021, 6.2.1.1. Readings taken: strictly below 1 m is close; the nearest such samples around
 the crossing count, and lanes there must differ, where a lane that goes on (over sections, through junctions, by a fork
-or a merge) is one lane; where the track begins or ends before, nothing is judged, which is a label of its own. The span
+or a merge) is one lane; where the track begins or ends before, or every border is crossed to the side away from the new
+lane, as by a track that jumps, nothing is judged, which is a label of its own. The span
 goes out to the first sample whose speed in the change's own direction is below the threshold, that is |v_across| with
 reversals seen as well. Who is headed away from the lane by more than `TURNED_OFF` when crossing, and at an end of the
 span, turns off. Doubles, in which that speed never falls below it, are one label, whatever the middle lane.
@@ -110,13 +111,15 @@ def _judged(features: Features, group: list[_Crossing]) -> LaneChangeLabel | Non
         return None
     one = group[0]
     row = int(features.samples.owner[one.at])
+    not_judged = LaneChangeLabel(OPEN, row, one.start, max(c.end for c in group), one.at)
     if one.before is None or one.after is None:
-        end = max(c.end for c in group)
-        return LaneChangeLabel(OPEN, row, one.start, end, one.at)
+        return not_judged
     lanes = int(features.strand[one.after] - features.strand[one.before])
     if lanes == 0:
         return None
     along = [c for c in group if c.side * lanes > 0]
+    if not along:
+        return not_judged
     return LaneChangeLabel(
         LEFT if lanes > 0 else RIGHT, row, min(c.start for c in along), max(c.end for c in along), along[0].at,
         lanes=lanes, close_before=one.before, close_after=one.after,
