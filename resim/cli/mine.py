@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +16,8 @@ from resim.core.errors import InputError
 from resim.core.spelling import counted, unknown
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from resim.jobs.mine import MiningResult
     from resim.mining.report import MinedFailure
     from resim.mining.study import MinedPart
@@ -145,45 +148,45 @@ def _print(found: MiningResult) -> None:
     add_to_json(labels=found.labels, scenarios=scenarios, recordings=parts, failures=failures)
 
 
-def _check_filters(found: MiningResult, labels: list[str], recording: str | None) -> None:
-    """Raise InputError for a label or a recording that there is not."""
+def _of(
+    rows: pd.DataFrame, found: MiningResult, labels: list[str], recording: str | None, column: str
+) -> pd.DataFrame:
+    """Keep rows with one of the labels in a column, and of a recording. Raises InputError for one there is not."""
     for name in labels:
         if name not in found.report.labels:
             raise InputError("--label", unknown("label", name, found.report.labels))
     known = [part.recording for part in found.report.parts]
     if recording is not None and recording not in known:
         raise InputError("--recording", unknown("recording", recording, known))
+    if labels:
+        rows = rows[[bool({*told.split()} & {*labels}) for told in rows[column].tolist()]]
+    return rows if recording is None else rows[rows["recording"] == recording]
+
+
+def _plain(rows: pd.DataFrame) -> list[dict[Hashable, object]]:
+    """Rows for JSON: what is missing is null."""
+    return rows.astype(object).where(rows.notna(), None).to_dict("records")
 
 
 def _print_scenarios(found: MiningResult, labels: list[str], recording: str | None) -> None:
-    _check_filters(found, labels, recording)
-    rows = found.scenarios
-    if labels:
-        rows = rows[[bool({*told.split()} & {*labels}) for told in rows["labels"].tolist()]]
-    if recording is not None:
-        rows = rows[rows["recording"] == recording]
+    rows = _of(found.scenarios, found, labels, recording, "labels")
     for row in rows.to_dict("records"):
         when = f"{row['start']:.2f} to {row['end']:.2f} s"
         where = f"road {row['road'] or '–'}, {counted(row['lanes'], 'lane')}, {counted(row['vehicles'], 'vehicle')}"
         say(f"{row['scenario']}  {row['labels']}  {when}, {where}")
     say(counted(len(rows), "scenario"))
-    add_to_json(scenarios=rows.astype(object).where(rows.notna(), None).to_dict("records"))
+    add_to_json(scenarios=_plain(rows))
 
 
 def _print_maneuvers(found: MiningResult, labels: list[str], recording: str | None) -> None:
-    _check_filters(found, labels, recording)
-    rows = found.maneuvers
-    if labels:
-        rows = rows[rows["label"].isin(labels)]
-    if recording is not None:
-        rows = rows[rows["recording"] == recording]
+    rows = _of(found.maneuvers, found, labels, recording, "label")
     for row in rows.to_dict("records"):
         whom = f" with {row['partner']}" if row["partner"] else ""
         one, two = row["lane_from"], row["lane_to"]
         when = f"{row['start']:.2f} to {row['end']:.2f} s, at {row['t']:.2f} s"
         lanes = f"{one}" if one == two else f"{one} to {two}"
         say(f"{row['recording']}  {row['object']}  {row['label']}  {when}, {lanes}{whom}")
-    add_to_json(maneuvers=rows.astype(object).where(rows.notna(), None).to_dict("records"))
+    add_to_json(maneuvers=_plain(rows))
 
 
 def _print_scenario(found: MiningResult, name: str) -> None:

@@ -141,9 +141,8 @@ def mine(
         (target / MARK).unlink(missing_ok=True)
         named = _named(folders)
         told: dict[str, MinedPart | MinedFailure] = {}
-        for one in finished(
-            _mined(named, target, study, options), target, options.workers or os.cpu_count() or 1
-        ):
+        workers = options.workers or os.cpu_count() or 1
+        for one in finished(_mined(named, target, study, options, workers), target, workers):
             told[one.recording] = one
             heard(one)
         parts = [one for name in named if isinstance(one := told[name], MinedPart)]
@@ -173,7 +172,7 @@ def _mine_task(task: _MineTask) -> MinedPart | str:
 
 
 def _mined(
-    named: Mapping[str, Path], target: Path, study: StudyOptions, options: MineOptions
+    named: Mapping[str, Path], target: Path, study: StudyOptions, options: MineOptions, workers: int
 ) -> Iterator[MinedPart | MinedFailure]:
     """Mine each recording, in children that can be ended where the user's code has a say; in their order."""
     if not study.rules.own or study.rules.frozen is None:
@@ -184,9 +183,8 @@ def _mined(
                 yield MinedFailure(name, str(folder), str(e))
         return
     tasks = [_MineTask(name, folder, target, study.rules.frozen, options) for name, folder in named.items()]
-    workers = min(options.workers or os.cpu_count() or 1, len(tasks))
     limit = LIMIT * (1 + len(study.rules.own))
-    found = dict(run_all(_mine_task, tasks, workers=workers, time_limit=limit))
+    found = dict(run_all(_mine_task, tasks, workers=min(workers, len(tasks)), time_limit=limit))
     for k, task in enumerate(tasks):
         told = found[k]
         why = told.reason if isinstance(told, Failure) else told

@@ -12,11 +12,10 @@ from resim.core.errors import FunctionError
 from resim.core.geometry import sealed
 from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelledManeuver
+from resim.mining.rows import MANEUVER_COLUMNS
 from resim.mining.settings import DEFAULT_SETTINGS, MiningSettings
 
 OwnLabel = Callable[[Features, Sequence[LabelledManeuver]], Iterable[LabelledManeuver]]
-TAKEN = frozenset({"recording", "object", "label", "start", "end", "t", "partner", "lane_from", "lane_to"})
-"""Columns of maneuvers.parquet that are no figures."""
 
 assert labels.__all__  # imported for the labels that it adds
 
@@ -70,7 +69,7 @@ def _problem(name: str, maneuver: object, features: Features) -> str:
     if not low <= m.start <= m.at <= m.end < high:
         return f"samples {m.start} to {m.end}, at {m.at}, are not of its object ({low} to {high - 1}), or in no order"
     for figure, value in m.figures.items():
-        if figure in TAKEN or not re.fullmatch(r"[a-z][a-z0-9_]*", str(figure)):
+        if figure in MANEUVER_COLUMNS or not re.fullmatch(r"[a-z][a-z0-9_]*", str(figure)):
             return (
                 f"figure {figure!r}: expected a name of small letters that is no column of maneuvers.parquet"
             )

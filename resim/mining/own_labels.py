@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from resim.core.files import parse_toml
+from resim.core.files import read_file
 from resim.core.plugins.frozen import FrozenCopy, FrozenFile, load_frozen
 from resim.core.plugins.loading import freeze_code, load_named
 from resim.core.plugins.watchdog import Watchdog
@@ -18,7 +18,6 @@ from resim.mining.settings import (
     EXAMPLE,
     MiningSettings,
     check_triggers,
-    raw_settings,
     settings_of,
 )
 
@@ -80,7 +79,6 @@ def _own(frozen: FrozenFile, copy: FrozenCopy, named: str) -> OwnLabel:
 
 def freeze_rules(path: Path) -> FrozenFile:
     """Keep a copy of the file with the code that it names. Raises InputError."""
-    raw = raw_settings(path)
-    told = parse_toml(raw, path, EXAMPLE)
+    raw = read_file(path, EXAMPLE)
     settings = settings_of(raw, path)
-    return freeze_code(path, raw, [label.function for label in settings.label], list(told.get("files", [])))
+    return freeze_code(path, raw, [label.function for label in settings.label], list(settings.files))

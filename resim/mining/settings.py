@@ -11,8 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from resim.core.errors import InputError
-from resim.core.files import read_file
-from resim.core.spec import ModuleAndName, Strict, TextPattern, read_strict, strict_of
+from resim.core.spec import ModuleAndName, Strict, TextPattern, strict_of
 from resim.scenario import maneuvers
 
 EXAMPLE = "See scenarios/mining/labels.toml"
@@ -231,11 +230,6 @@ class MiningSettings(Strict):
 DEFAULT_SETTINGS = MiningSettings()
 
 
-def read_mining_settings(path: Path) -> MiningSettings:
-    """Read a file of thresholds. Raises InputError naming every fault."""
-    return read_strict(path, MiningSettings, EXAMPLE)
-
-
 def settings_of(raw: bytes, path: Path) -> MiningSettings:
     """Give what the bytes of a file of thresholds say. Raises InputError naming every fault."""
     return strict_of(raw, path, MiningSettings, EXAMPLE)
@@ -246,8 +240,3 @@ def check_triggers(settings: MiningSettings, known: tuple[str, ...], where: str)
     unknown = [name for name in settings.extraction.trigger if name not in known]
     if unknown:
         raise InputError(where, f"there is no label {unknown[0]!r}", f"Labels: {', '.join(known)}.")
-
-
-def raw_settings(path: Path) -> bytes:
-    """Give the bytes of the file. Raises InputError."""
-    return read_file(path, EXAMPLE)

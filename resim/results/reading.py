@@ -16,6 +16,7 @@ import duckdb
 from resim.core.errors import InputError
 from resim.core.files import check_hashes, parse_json, plain_names, read_file
 from resim.core.sealed import read_sealed
+from resim.core.spelling import counted
 from resim.results.entry import KINDS, CatalogEntry, CatalogInput, CatalogOutcome, ResultKind, digest, kind_of
 from resim.results.rows import check_table
 
@@ -175,7 +176,7 @@ def _mining(folder: Path) -> _FolderContents:
 
 def _found(part: Json) -> str:
     """What was found in a recording, in a few words."""
-    return f"{sum(part['labels'].values())} maneuvers, {part['scenarios']} scenarios"
+    return f"{counted(sum(part['labels'].values()), 'maneuver')}, {counted(part['scenarios'], 'scenario')}"
 
 
 _READERS: dict[ResultKind, Callable[[Path], _FolderContents]] = {

@@ -15,7 +15,7 @@ from resim.mining.features import features
 from resim.mining.find import find_maneuvers
 from resim.mining.maneuver import label_names
 from resim.mining.own_labels import read_rules
-from resim.mining.settings import DEFAULT_SETTINGS, read_mining_settings
+from resim.mining.settings import DEFAULT_SETTINGS, settings_of
 from resim.road.opendrive import load
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -24,7 +24,7 @@ KINDS = SCENARIOS / "catalog" / "kinds.toml"
 
 def test_the_shipped_file_says_what_holds_without_it() -> None:
     file = SCENARIOS / "mining" / "labels.toml"
-    assert read_mining_settings(file) == DEFAULT_SETTINGS
+    assert settings_of(file.read_bytes(), file) == DEFAULT_SETTINGS
     told = file.read_text("utf-8")
     for name, part in DEFAULT_SETTINGS:
         if hasattr(part, "model_fields"):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 
+from resim.core.geometry import to_frame
 from resim.core.tracks import Tracks
 from resim.report.figure import Figure
 from resim.report.figure import trace as figure_trace
@@ -79,11 +81,7 @@ def over_time(name: str, maneuvers: pd.DataFrame, number: int) -> Markup:
 def top_view(tracks: Tracks, ego: str) -> Markup:
     """Give the ways of a scenario from above, along the way of its EGO: the EGO blue, a dot where each ends."""
     row = tracks.index(ego)
-    own = np.flatnonzero(tracks.valid[row])
-    x0, y0 = tracks.x[row, own[0]], tracks.y[row, own[0]]
-    turn = np.arctan2(tracks.y[row, own[-1]] - y0, tracks.x[row, own[-1]] - x0)
-    dx, dy = tracks.x - x0, tracks.y - y0
-    along, aside = np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
+    along, aside = to_frame(tracks.x, tracks.y, *along_ego(tracks, row))
     low, high = np.nanmin(along), np.nanmax(along)
     middle = 0.5 * (np.nanmin(aside) + np.nanmax(aside))
     scale = (WIDTH - 12.0) / max(high - low, 1.0)
@@ -94,6 +92,13 @@ def top_view(tracks: Tracks, ego: str) -> Markup:
         '<svg viewBox="0 0 {} {}" width="{}" height="{}" role="img">{}</svg>', f"{WIDTH:g}", f"{HEIGHT:g}",
         f"{WIDTH:g}", f"{HEIGHT:g}", join(ways),
     )  # fmt: skip
+
+
+def along_ego(tracks: Tracks, row: int) -> tuple[float, float, float]:
+    """Give the frame x [m], y [m], heading [rad] of the EGO's whole way: from where it is first to where it is last."""
+    own = np.flatnonzero(tracks.valid[row])[[0, -1]]
+    (x, x_end), (y, y_end) = tracks.x[row, own].tolist(), tracks.y[row, own].tolist()
+    return x, y, math.atan2(y_end - y, x_end - x)
 
 
 def _order(count: int, last: int) -> Sequence[int]:

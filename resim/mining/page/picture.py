@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Floats, box_corners, to_frame
 from resim.core.tracks import Tracks
+from resim.mining.page.figures import along_ego
 from resim.report.markup import Markup, html, join
 from resim.road.opendrive import VEHICLE_LANES, LaneShape, RoadNetwork
 
@@ -26,10 +27,7 @@ def write_scenario_picture(tracks: Tracks, ego: str, network: RoadNetwork, file:
 def scenario_picture(tracks: Tracks, ego: str, network: RoadNetwork) -> Markup:
     """Give the picture of a scenario as SVG."""
     row = tracks.index(ego)
-    own = np.flatnonzero(tracks.valid[row])
-    x0, y0 = tracks.x[row, own[0]], tracks.y[row, own[0]]
-    turn = np.arctan2(tracks.y[row, own[-1]] - y0, tracks.x[row, own[-1]] - x0)
-    view = _View(float(x0), float(y0), float(turn), tracks)
+    view = _View(along_ego(tracks, row), tracks)
     parts = [*view.lanes(network), *(view.vehicle(tracks, n, n == row) for n in [*range(len(tracks)), row])]
     size = f"{WIDTH:g}", f"{view.height:.0f}"
     return html(
@@ -43,22 +41,17 @@ def scenario_picture(tracks: Tracks, ego: str, network: RoadNetwork) -> Markup:
 class _View:
     """Pixels of places on the map, turned so that the EGO drives to the right."""
 
-    def __init__(self, x0: float, y0: float, turn: float, tracks: Tracks) -> None:
-        self.x0, self.y0, self.turn = x0, y0, turn
-        along, aside = self._turned(tracks.x, tracks.y)
+    def __init__(self, frame: tuple[float, float, float], tracks: Tracks) -> None:
+        self.frame = frame
+        along, aside = to_frame(tracks.x, tracks.y, *frame)
         self.left, right = float(np.nanmin(along)) - MARGIN, float(np.nanmax(along)) + MARGIN
         self.top, bottom = float(np.nanmax(aside)) + MARGIN, float(np.nanmin(aside)) - MARGIN
         self.scale = WIDTH / (right - self.left)
         self.height = max((self.top - bottom) * self.scale, LEAST_HEIGHT)
 
-    def _turned(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        cos, sin = np.cos(self.turn), np.sin(self.turn)
-        dx, dy = x - self.x0, y - self.y0
-        return cos * dx + sin * dy, cos * dy - sin * dx
-
     def points(self, x: Floats, y: Floats) -> str:
         """Give places as the points of a line."""
-        along, aside = self._turned(x, y)
+        along, aside = to_frame(x, y, *self.frame)
         px, py = (along - self.left) * self.scale, (self.top - aside) * self.scale
         return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px.tolist(), py.tolist(), strict=True))
 
@@ -78,7 +71,8 @@ class _View:
                 )  # fmt: skip
 
     def _is_near(self, shape: LaneShape) -> bool:
-        along, aside = self._turned(*np.concatenate([shape.left, shape.right]).T)
+        x, y = np.concatenate([shape.left, shape.right]).T
+        along, aside = to_frame(x, y, *self.frame)
         high, wide = self.height / self.scale, WIDTH / self.scale
         across = (along > self.left) & (along < self.left + wide)
         return bool((across & (aside < self.top) & (aside > self.top - high)).any())
@@ -90,9 +84,7 @@ class _View:
             return Markup()
         color, last = EGO if is_ego else OTHER, known[-1]
         x, y, heading = tracks.x[row, last], tracks.y[row, last], tracks.heading[row, last]
-        cos, sin = np.cos(heading), np.sin(heading)
-        a = 0.5 * tracks.length[row] * np.array([1.0, 1.0, -1.0, -1.0])
-        b = 0.5 * tracks.width[row] * np.array([1.0, -1.0, -1.0, 1.0])
+        corners = box_corners(x, y, heading, tracks.length[row], tracks.width[row])
         place = self.points(np.array([x]), np.array([y])).split(",")
         return html(
             '<polyline points="{}" fill="none" stroke="{}" stroke-width="1.6"/>'
@@ -100,6 +92,6 @@ class _View:
             '<text x="{}" y="{}" font-family="sans-serif" font-size="11" fill="{}" text-anchor="middle" '
             'dy="-{}">{}</text>',
             self.points(tracks.x[row, known], tracks.y[row, known]), color,
-            self.points(x + a * cos - b * sin, y + a * sin + b * cos), color, *place, color,
+            self.points(*corners.T), color, *place, color,
             f"{0.5 * tracks.width[row] * self.scale + 4.0:.0f}", str(tracks.ids[row]),
         )  # fmt: skip
