@@ -82,13 +82,18 @@ class LaneIndex:
         self.lines, self.lanes = lines, lanes
 
     def containing(self, x: Floats, y: Floats) -> Containing:
-        """Give every lane at each position (N,) [m]."""
+        """Give every lane at each position (N,) [m]; one more than once where its line bends too sharply for one foot.
+
+        A position without a foot, at a kink, has its place in the cell; a search that ends elsewhere found none.
+        """
         point, cell = self._cells_around(x, y)
         road, s, t, miss = self._feet(x[point], y[point], cell)
-        row = self.cells.row[cell]
+        c = self.cells
+        row = c.row[cell]
         offset, width = self.lanes.centre_and_width(row, s)
         lateral = t - offset
         inside = self._holds(row, road, s) & (np.abs(lateral) <= 0.5 * width + INSIDE) & (width > 0.0)
+        inside &= (miss <= LOST) | ((s >= c.low[cell] - MARGIN) & (s <= c.high[cell] + MARGIN))
         return Containing(point[inside], road[inside], row[inside], s[inside], lateral[inside], miss[inside])
 
     def locate(

@@ -146,13 +146,18 @@ class RoadNetwork:
         return DrivingLanes(found.point[kept], self._ids[road], heading, z)
 
     def lanes_at(self, x: ArrayLike, y: ArrayLike) -> LanePlaces:
-        """Give all lanes, side by side and one above the other, at positions x, y (N,) [m]; none where one is NaN."""
+        """Give all lanes, side by side and one above the other, at positions x, y (N,) [m]; none where one is NaN.
+
+        Where the line of a road bends so sharply that a lane has several places there, it is that next to its centre.
+        """
         x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
         known = np.flatnonzero(np.isfinite(x_) & np.isfinite(y_))
         found = self._index.containing(x_[known], y_[known])
-        order = np.lexsort((found.row, found.point))
-        point = known[found.point[order]]
-        return LanePlaces(point, found.row[order], found.s[order], found.lateral[order])
+        order = np.lexsort((np.abs(found.lateral), found.miss, found.row, found.point))
+        new = np.ones(len(order), dtype=bool)
+        new[1:] = (np.diff(found.point[order]) != 0) | (np.diff(found.row[order]) != 0)
+        order = order[new]
+        return LanePlaces(known[found.point[order]], found.row[order], found.s[order], found.lateral[order])
 
     @property
     def lane_table(self) -> Lanes:
