@@ -84,8 +84,11 @@ def entry_of(supervisor: Supervisor, name: str) -> CatalogEntry:
 
 
 def result_folder(supervisor: Supervisor, name: str) -> Path:
-    """Give the folder of a result that the catalog knows. Raises MissingError for any other."""
-    return entry_of(supervisor, name).folder
+    """Give the folder of a result that the catalog knows, and that holds one. Raises MissingError for any other."""
+    entry = entry_of(supervisor, name)
+    if not (entry.folder / KINDS[entry.kind][0]).is_file():
+        raise MissingError("The folder of this result is not here.")
+    return entry.folder
 
 
 def folder_of(supervisor: Supervisor, kind: str, name: str) -> Path:

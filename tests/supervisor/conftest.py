@@ -7,9 +7,8 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -54,8 +53,9 @@ def supervisor(catalog: str, tmp_path: Path) -> Any:
 @pytest.fixture
 def client(supervisor: Any) -> Any:
     """A browser that was not let in yet; no thread of the server runs."""
-    from resim.supervisor.app import make_app
     from starlette.testclient import TestClient
+
+    from resim.supervisor.app import make_app
 
     return TestClient(make_app(supervisor), base_url=ORIGIN, follow_redirects=False)
 
@@ -97,29 +97,10 @@ def served(catalog: str, tmp_path: Path) -> Iterator[Callable[..., Started]]:
     yield start
     for process in processes:
         process.kill()
-        process.wait()
+        process.communicate()
     for begun in (tmp_path / "tasks").glob("*/begun.json"):  # what was left to run
         from resim.supervisor.processes import is_alive, number_of, read_whole
 
         if is_alive(name := str(read_whole(begun).get("process"))):
             with suppress(OSError):
                 os.killpg(number_of(name), signal.SIGKILL)
-
-
-def waited(condition: Callable[[], Any], seconds: float = 30.0) -> Any:
-    """Wait until something is so, and give what it is."""
-    latest = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < latest, "it took too long"
-        time.sleep(0.05)
-    return found
-
-
-@contextmanager
-def entered(address: str, token: str) -> Iterator[Any]:
-    """A client of a server that was let in."""
-    import httpx2
-
-    with httpx2.Client(base_url=address, timeout=20.0) as client:
-        assert client.get("/", params={"token": token}).status_code == 200
-        yield client

@@ -36,12 +36,23 @@ def line(*given: tuple[str, str]) -> list[str]:
 
 
 def test_what_is_filled_in_becomes_a_command_line() -> None:
-    given = [("recording", "1"), ("step", "0.02"), ("basis", "sd"), ("stop", "no"), ("settings", "a=1\nb=2\n")]
+    given = [
+        ("recording", "1"),
+        ("step", "0.02"),
+        ("basis", "sd"),
+        ("stop", "no"),
+        ("settings", "a=1\nb=2\n"),
+    ]
     assert line(*given, ("seeds", "")) == [
         "run", "--step=0.02", "--basis=sd", "--no-stop", "--set=a=1", "--set=b=2", "--out=/tasks/7/result", "--",
         "/drives/cut -in",
     ]  # fmt: skip
-    assert line(("recording", "1"), ("stop", "yes")) == ["run", "--out=/tasks/7/result", "--", "/drives/cut -in"]
+    assert line(("recording", "1"), ("stop", "yes")) == [
+        "run",
+        "--out=/tasks/7/result",
+        "--",
+        "/drives/cut -in",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -69,11 +80,18 @@ def test_the_forms_have_the_parameters_of_their_commands() -> None:
     forms = {form.name: form for form in job_forms()}
     assert set(forms) == set(OFFERED)
     run = {f.name: f for f in forms["run"].fields}
-    assert (run["recording"].of, run["recording"].required, run["recording"].option) == (("recording",), True, "")
+    assert (run["recording"].of, run["recording"].required, run["recording"].option) == (
+        ("recording",),
+        True,
+        "",
+    )
     assert (run["seeds"].kind, run["seeds"].low, run["seeds"].high) == ("whole", 1, 1000)
     assert run["basis"].choices == ("gt", "sd", "both")
     assert (run["settings"].option, run["settings"].many) == ("--set", True)
-    assert (run["stop_at_collision"].off, run["stop_at_collision"].default) == ("--no-stop-at-collision", "yes")
+    assert (run["stop_at_collision"].off, run["stop_at_collision"].default) == (
+        "--no-stop-at-collision",
+        "yes",
+    )
     assert forms["sweep"].words == ("sweep", "run")
     assert {f.name for f in forms["verify"].fields if f.required} == {"suite", "build"}
 
@@ -81,7 +99,15 @@ def test_the_forms_have_the_parameters_of_their_commands() -> None:
 def test_no_text_of_a_page_can_be_a_path() -> None:
     texts = {(form.name, f.name) for form in job_forms() for f in form.fields if f.kind == "text"}
     names = {name for _, name in texts}
-    assert names == {"settings", "accept", "vary", "driven_by", "around", "objects", "maneuvers"}  # look at new ones
+    assert names == {
+        "settings",
+        "accept",
+        "vary",
+        "driven_by",
+        "around",
+        "objects",
+        "maneuvers",
+    }  # look at new ones
 
 
 def test_every_option_of_a_form_is_one_of_its_command(call: Any) -> None:
@@ -108,7 +134,10 @@ def test_a_job_is_put_in_by_its_form(supervisor: Any, user: Any, seal: str) -> N
         headers = {"origin": ORIGIN}
         assert user.post(f"/tasks/{task.id}/{act}", data={"seal": seal}, headers=headers).status_code == 303
         assert supervisor.queue.get(task.id).state == state
-    assert user.post(f"/tasks/{task.id}/burn", data={"seal": seal}, headers={"origin": ORIGIN}).status_code == 404
+    assert (
+        user.post(f"/tasks/{task.id}/burn", data={"seal": seal}, headers={"origin": ORIGIN}).status_code
+        == 404
+    )
 
 
 def test_a_form_that_does_not_fit_says_why(supervisor: Any, user: Any, seal: str) -> None:

@@ -31,7 +31,12 @@ def test_the_token_lets_in_once_and_a_cookie_from_then_on(supervisor: Any, clien
 
 
 def test_every_answer_forbids_what_a_page_needs_not(user: Any, client: Any) -> None:
-    for answer in (user.get("/"), user.get("/nothing"), client.get("/static/page.css"), user.get("/jobs/run")):
+    for answer in (
+        user.get("/"),
+        user.get("/nothing"),
+        client.get("/static/page.css"),
+        user.get("/jobs/run"),
+    ):
         policy = answer.headers["content-security-policy"]
         assert "default-src 'none'" in policy
         assert "frame-ancestors 'none'" in policy
@@ -43,7 +48,16 @@ def test_every_answer_forbids_what_a_page_needs_not(user: Any, client: Any) -> N
 
 
 def test_pages_have_no_script_and_no_style_in_them(user: Any) -> None:
-    for path in ("/", "/experiments", "/builds", "/results", "/jobs", "/jobs/run", "/tasks", "/search?text=cut"):
+    for path in (
+        "/",
+        "/experiments",
+        "/builds",
+        "/results",
+        "/jobs",
+        "/jobs/run",
+        "/tasks",
+        "/search?text=cut",
+    ):
         text = user.get(path).text
         assert "<script>" not in text
         assert "<style" not in text
@@ -70,15 +84,17 @@ def test_tokens_are_not_guessed_fast(client: Any) -> None:
 @pytest.mark.parametrize(
     "cookie",
     [
-        "", "x", "9999999999.abc.def", "9999999999..", ".", "1.0123456789abcdef.{seal}", "{good}0", "{good} ", "x{good}",
-        "{late}", "é.é.é",
+        "", "x", "9999999999.abc.def", "9999999999..", ".", "1.0123456789abcdef.{seal}", "{good}0", "{good} ",
+        "x{good}", "{late}", "é.é.é",
     ],
 )  # fmt: skip
 def test_a_wrong_cookie_lets_nobody_in(supervisor: Any, client: Any, cookie: str) -> None:
     access = supervisor.access
     good = access.new_session()
     late = f"1000000000.{'0' * 16}"
-    told = cookie.format(good=good, seal=access._seal("session", "x"), late=f"{late}.{access._seal('session', late)}")
+    told = cookie.format(
+        good=good, seal=access._seal("session", "x"), late=f"{late}.{access._seal('session', late)}"
+    )
     headers = {"cookie": f"resim_8765={told}".encode()}
     assert client.get("/", headers=headers).status_code == (200 if told.strip() == good else 401)
 
@@ -92,14 +108,24 @@ def test_a_cookie_of_another_key_or_twice_lets_nobody_in(supervisor: Any, client
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8765", "127.0.0.1", "127.0.0.1:1", "127.0.0.1:8765.evil.example", ""]
+    "host",
+    ["evil.example", "evil.example:8765", "127.0.0.1", "127.0.0.1:1", "127.0.0.1:8765.evil.example", ""],
 )
 def test_another_name_of_the_host_is_refused(user: Any, host: str) -> None:
     assert user.get("/", headers={"host": host}).status_code == 421
 
 
 @pytest.mark.parametrize(
-    "origin", [None, "null", "http://evil.example", "http://127.0.0.1:9999", "https://127.0.0.1:8765", f"{ORIGIN}/", ""]
+    "origin",
+    [
+        None,
+        "null",
+        "http://evil.example",
+        "http://127.0.0.1:9999",
+        "https://127.0.0.1:8765",
+        f"{ORIGIN}/",
+        "",
+    ],
 )
 def test_forms_of_other_pages_are_refused(supervisor: Any, user: Any, seal: str, origin: str | None) -> None:
     headers = {} if origin is None else {"origin": origin}
@@ -162,7 +188,7 @@ def test_a_body_that_does_not_say_its_size_is_cut_off(user: Any) -> None:
     assert user.post("/jobs/check", content=parts, headers=headers).status_code == 413
 
 
-@pytest.mark.parametrize("name", ["'><script>alert(1)</script>", "</title><b>x", "\" onfocus=\"x"])
+@pytest.mark.parametrize("name", ["'><script>alert(1)</script>", "</title><b>x", '" onfocus="x'])
 def test_what_is_searched_for_is_never_markup(user: Any, name: str) -> None:
     for path in ("/search", "/results", "/experiments", "/builds"):
         text = user.get(path, params={"text": name, "state": name, "kind": name, "verdict": name}).text
