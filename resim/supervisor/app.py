@@ -150,6 +150,7 @@ def _document(supervisor: Supervisor) -> Callable[[Request], Response]:
         headers = {
             "content-security-policy": DOCUMENT_POLICY, "cross-origin-resource-policy": "cross-origin",
             "cross-origin-opener-policy": "unsafe-none",
+            "referrer-policy": "no-referrer",
         }  # fmt: skip
         return FileResponse(document.path, media_type=document.type, headers=headers)
 

@@ -36,7 +36,7 @@ which gets no cookie and sends no form."""
 ALWAYS = {
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
-    "referrer-policy": "no-referrer",
+    "referrer-policy": "same-origin",  # under no-referrer a browser does not say where a form comes from
     "cross-origin-opener-policy": "same-origin",
     "permissions-policy": "camera=(), microphone=(), geolocation=()",
 }
@@ -126,7 +126,7 @@ class Guard:
 
         By a page, not by a redirect: after a link in another program, a redirect gets no strict cookie.
         """
-        answer = HTMLResponse(ENTERED)
+        answer = HTMLResponse(ENTERED, headers={"referrer-policy": "no-referrer"})
         answer.set_cookie(
             self._access.cookie, self._access.new_session(), max_age=LIFE, httponly=True, samesite="strict",
             secure=self._door.secure,
@@ -166,7 +166,7 @@ class Guard:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in ALWAYS.items():
-                    headers[name] = value
+                    headers.setdefault(name, value)
                 headers.setdefault("content-security-policy", OWN_POLICY)
                 headers.setdefault("cross-origin-resource-policy", "same-origin")
                 headers.setdefault("cache-control", "no-store")
