@@ -16,15 +16,24 @@ from resim.core.errors import InputError
 NEEDED = ("starlette", "uvicorn", "jinja2", "psutil")
 
 
+Folders = Annotated[
+    list[Path] | None,
+    typer.Argument(
+        metavar="FOLDER...",
+        help="Folders whose recordings, builds, suites, ... may be read and given to jobs.",
+    ),
+]
+Certificate = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Certificate with its key (PEM) for TLS; none behind a proxy that does TLS."
+    ),
+]
+
+
 @command(app)
 def serve(
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="FOLDER...",
-            help="Folders whose recordings, builds, suites, ... may be read and given to jobs.",
-        ),
-    ] = None,
+    folders: Folders = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any that is free.")] = 8765,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
@@ -40,23 +49,14 @@ def serve(
             help="Let other machines in by this https address; who has the token may run code on this one.",
         ),
     ] = "",
-    certificate: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Certificate with its key (PEM) for TLS; none behind a proxy that does TLS."
-        ),
-    ] = None,
+    certificate: Certificate = None,
 ) -> None:
     """See and steer what runs, failed and came out, in the browser.
 
     Prints an address with a token, once, which lets a browser in. Tasks are done one after the other; a server that is
     ended, however that was, leaves running ones alone, and the next one finds them.
     """
-    lost = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if lost:
-        raise InputError(
-            "resim serve", f"needs {', '.join(lost)}", "In resim's own folder: pip install '.[serve]'"
-        )
+    refuse_without_extra()
     from resim.cli.job_forms import job_forms
     from resim.results.catalog import user_catalog
     from resim.results.tables import VARIABLE, data_folder
@@ -78,3 +78,11 @@ def serve(
             open_browser(page)
 
     run(options, catalog, job_forms(), data, ready)
+
+
+def refuse_without_extra() -> None:
+    """Raise InputError where a package of the extra is missing."""
+    lost = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if lost:
+        remedy = "In resim's own folder: pip install '.[serve]'"
+        raise InputError("resim serve", f"needs {', '.join(lost)}", remedy)

@@ -75,7 +75,7 @@ TASK = Table(
 
 
 @dataclass(frozen=True)
-class Task:
+class QueuedTask:
     """A task of the queue. Times are seconds since 1970, None where it is not that far.
 
     job: name of the command. words: the command line after `resim`. again: words that a further attempt has besides.
@@ -128,7 +128,9 @@ class TaskQueue:
         self._catalog, self.host = catalog, host or platform.node()
         self._made = False
 
-    def add(self, name: str, job: str, words: Sequence[str], folder: str, again: Sequence[str] = ()) -> Task:
+    def add(
+        self, name: str, job: str, words: Sequence[str], folder: str, again: Sequence[str] = ()
+    ) -> QueuedTask:
         """Put a task in, behind all others. name: its id, of `new_id`; folder: its own."""
         now = time.time()
         row = {
@@ -140,7 +142,7 @@ class TaskQueue:
             connection.execute(insert(TASK).values(row))
         return self.get(name)
 
-    def get(self, name: str) -> Task:
+    def get(self, name: str) -> QueuedTask:
         """Give a task by its id. Raises InputError where there is none."""
         with self._begun() as connection:
             row = connection.execute(select(TASK).where(TASK.c.id == name)).one_or_none()
@@ -148,12 +150,12 @@ class TaskQueue:
             raise InputError(name, "is no task of the queue")
         return _task(row)
 
-    def unfinished(self) -> list[Task]:
+    def unfinished(self) -> list[QueuedTask]:
         """Give all that run, then all that wait, each in the order in which they come."""
         order = (TASK.c.state, TASK.c.priority.desc(), TASK.c.place)
         return self._tasks(select(TASK).where(TASK.c.state.in_(("running", "waiting"))).order_by(*order))
 
-    def ended(self, first: int, most: int, *, bad: bool = False) -> list[Task]:
+    def ended(self, first: int, most: int, *, bad: bool = False) -> list[QueuedTask]:
         """Give those that ended, the latest first, from number `first` on; bad: those alone that did not end well."""
         states = [s for s in ENDED if not (bad and s in ("done", "cancelled"))]
         found = select(TASK).where(TASK.c.state.in_(states)).order_by(TASK.c.ended.desc(), TASK.c.id)
@@ -205,7 +207,7 @@ class TaskQueue:
 
     # what servers do
 
-    def claim(self, server: str) -> Task | None:
+    def claim(self, server: str) -> QueuedTask | None:
         """Take the next task that waits on this machine, which then runs; None where there is none.
 
         One statement, so that a task is never taken twice: who is late finds it running.
@@ -232,11 +234,11 @@ class TaskQueue:
             row = connection.execute(taken).one_or_none()
         return None if row is None else _task(row)
 
-    def of_server(self, server: str) -> list[Task]:
+    def of_server(self, server: str) -> list[QueuedTask]:
         """Give what runs and is looked after by a server."""
         return self._tasks(select(TASK).where(TASK.c.state == "running", TASK.c.server == server))
 
-    def adopt(self, server: str, is_gone: Callable[[str], bool]) -> list[Task]:
+    def adopt(self, server: str, is_gone: Callable[[str], bool]) -> list[QueuedTask]:
         """Take over what runs on this machine and nobody looks after any more.
 
         is_gone: says of a server whether its process has ended. One that says nothing any more has its tasks taken,
@@ -262,18 +264,18 @@ class TaskQueue:
             mine = (TASK.c.server == server) & (TASK.c.state == "running")
             connection.execute(update(TASK).where(mine).values(beat=time.time()))
 
-    def end(self, task: Task, state: TaskState, *, code: int | None = None, told: str = "") -> bool:
+    def end(self, task: QueuedTask, state: TaskState, *, code: int | None = None, told: str = "") -> bool:
         """Note how an attempt ended. Says whether this server still looked after it."""
         return self._own(task, state=state, code=code, told=told, ended=time.time(), stop=False)
 
-    def lose(self, task: Task) -> bool:
+    def lose(self, task: QueuedTask) -> bool:
         """Let a task whose process was killed wait again at its place, or end it where that happened too often."""
         if task.losses >= MOST_LOSSES:
             told = f"its process was killed {task.losses + 1} times"
             return self.end(task, "lost", told=told)
         return self._own(task, state="waiting", losses=task.losses + 1, begun=None)
 
-    def _own(self, task: Task, **values: Any) -> bool:
+    def _own(self, task: QueuedTask, **values: Any) -> bool:
         mine = (TASK.c.server == task.server) & (TASK.c.attempt == task.attempt)
         return self._change(task.id, ("running",), mine, **values)
 
@@ -284,7 +286,7 @@ class TaskQueue:
             done = connection.execute(update(TASK).where(is_it).values(changed=time.time(), **values))
             return bool(done.rowcount)
 
-    def _tasks(self, found: Any) -> list[Task]:
+    def _tasks(self, found: Any) -> list[QueuedTask]:
         with self._begun() as connection:
             return [_task(row) for row in connection.execute(found).all()]
 
@@ -302,6 +304,6 @@ class TaskQueue:
                 yield connection
 
 
-def _task(row: Row[Any]) -> Task:
-    told = {f.name: row._mapping[f.name] for f in fields(Task)}
-    return Task(**{**told, "words": tuple(told["words"]), "again": tuple(told["again"])})
+def _task(row: Row[Any]) -> QueuedTask:
+    told = {f.name: row._mapping[f.name] for f in fields(QueuedTask)}
+    return QueuedTask(**{**told, "words": tuple(told["words"]), "again": tuple(told["again"])})

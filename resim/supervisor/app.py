@@ -25,11 +25,11 @@ from resim.supervisor.documents import find_document
 from resim.supervisor.events import stream
 from resim.supervisor.forms import FormError
 from resim.supervisor.guard import DOCUMENT_POLICY, Guard
-from resim.supervisor.limits import Streams
+from resim.supervisor.limits import StreamLimit
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.runner import LOG
 
-STREAMS = Streams(each=12, most=64)
+STREAMS = StreamLimit(each=12, most=64)
 _STATIC = {
     "page.css": ("resim.report", "page.css", "text/css"),
     "supervisor.css": ("resim.supervisor", "static/supervisor.css", "text/css"),

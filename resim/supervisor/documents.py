@@ -15,8 +15,6 @@ TYPES = {
     ".csv": "text/csv; charset=utf-8", ".parquet": "application/octet-stream", ".svg": "image/svg+xml",
 }  # fmt: skip
 """Of files that are given, by suffix; there are no others in results."""
-MOST_PAGES = 60
-"""Pages of one folder that are listed."""
 
 
 @dataclass(frozen=True)
@@ -48,4 +46,4 @@ def pages(folder: Path) -> list[str]:
     found: list[str] = []
     for pattern in ("*.html", "*/*.html"):
         found += sorted(p.relative_to(folder).as_posix() for p in folder.glob(pattern) if p.is_file())
-    return [name for name in found if not name.startswith(".") and "/." not in name][:MOST_PAGES]
+    return [name for name in found if not name.startswith(".") and "/." not in name]

@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import Literal
 
 from resim.results.overview import CatalogOverview, OutcomeOf
-from resim.results.queue import Task, TaskQueue
+from resim.results.queue import QueuedTask, TaskQueue
 from resim.supervisor.places import RegisteredFile, RegisteredFolders
 from resim.supervisor.words import tone
 
@@ -93,8 +93,10 @@ class Experiments:
         return sorted(found, key=lambda e: (e.name, e.place))
 
 
-def _registered(file: RegisteredFile, outcomes: Sequence[OutcomeOf], tasks: Iterable[Task]) -> Experiment:
-    at_work: dict[str, Task] = {}
+def _registered(
+    file: RegisteredFile, outcomes: Sequence[OutcomeOf], tasks: Iterable[QueuedTask]
+) -> Experiment:
+    at_work: dict[str, QueuedTask] = {}
     for (
         task
     ) in tasks:  # those that run come first, then those that wait, then those that failed, the latest first
@@ -106,7 +108,7 @@ def _registered(file: RegisteredFile, outcomes: Sequence[OutcomeOf], tasks: Iter
 
 
 def _steps(
-    file: RegisteredFile | None, outcomes: Sequence[OutcomeOf], tasks: Mapping[str, Task]
+    file: RegisteredFile | None, outcomes: Sequence[OutcomeOf], tasks: Mapping[str, QueuedTask]
 ) -> dict[tuple[str, str], StepCell]:
     steps: dict[tuple[str, str], StepCell] = {}
     for row in ("GT", "SD"):
@@ -129,11 +131,11 @@ def _recorded(file: RegisteredFile | None, row: str) -> StepCell:
     return StepCell("done", "there") if file.hash else StepCell("unknown", "being read")
 
 
-def _verified(outcomes: Sequence[OutcomeOf], tasks: Mapping[str, Task]) -> StepCell:
+def _verified(outcomes: Sequence[OutcomeOf], tasks: Mapping[str, QueuedTask]) -> StepCell:
     return _cell(next((o for o in outcomes if o.kind == "verification"), None), tasks.get("verified"), True)
 
 
-def _cell(found: OutcomeOf | None, task: Task | None, there: bool) -> StepCell:
+def _cell(found: OutcomeOf | None, task: QueuedTask | None, there: bool) -> StepCell:
     """A step by what the newest result says, unless a task is at it, or failed later."""
     if task is not None and task.state in ("running", "waiting"):
         return StepCell("running" if task.state == "running" else "waiting", task.state, f"/tasks/{task.id}")
@@ -146,5 +148,5 @@ def _cell(found: OutcomeOf | None, task: Task | None, there: bool) -> StepCell:
     return StepCell(states.get(tone(found.verdict), "done"), found.verdict or "done", link)
 
 
-def _is_later(task: Task, found: OutcomeOf) -> bool:
+def _is_later(task: QueuedTask, found: OutcomeOf) -> bool:
     return (task.ended or 0.0) > datetime.fromisoformat(found.written).timestamp()

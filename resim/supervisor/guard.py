@@ -16,7 +16,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from resim.supervisor.access import LIFE, Access
-from resim.supervisor.limits import Rate
+from resim.supervisor.limits import RateLimit
 
 LARGEST_BODY = 64_000
 """Bytes of a form."""
@@ -70,7 +70,7 @@ class Guard:
     ) -> None:
         """refuse: gives the page of a status and a reason."""
         self._app, self._access, self._door, self._refuse = app, access, door, refuse
-        self._rate, self._tries = Rate(100.0, 400.0), Rate(0.2, 10.0)
+        self._rate, self._tries = RateLimit(100.0, 400.0), RateLimit(0.2, 10.0)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or refuse it."""

@@ -10,7 +10,7 @@ MOST_CLIENTS = 10_000
 """Clients that are remembered; the one that was silent longest is forgotten."""
 
 
-class Rate:
+class RateLimit:
     """At most so many requests of one client: `burst` at once, and `each` a second in the long run."""
 
     def __init__(self, each: float, burst: float) -> None:
@@ -31,7 +31,7 @@ class Rate:
         return allowed
 
 
-class Streams:
+class StreamLimit:
     """At most so many open streams: of one client, and of all."""
 
     def __init__(self, each: int, most: int) -> None:

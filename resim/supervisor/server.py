@@ -127,7 +127,7 @@ def _bound(host: str, port: int) -> socket.socket:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, port), family=family)
     except (OSError, OverflowError) as e:
-        reason = getattr(e, "strerror", None) or str(e)
+        reason = os.strerror(number) if (number := getattr(e, "errno", None)) else str(e)
         raise InputError(f"{host}:{port}", f"cannot be listened on ({reason})", "Give another --port.") from e
 
 

@@ -14,7 +14,7 @@ from starlette.requests import Request
 from resim.core.errors import InputError, ResimError
 from resim.results.entry import KINDS, CatalogEntry
 from resim.results.overview import ResultQuery
-from resim.results.queue import Task
+from resim.results.queue import QueuedTask
 from resim.supervisor import documents
 from resim.supervisor.builds import KnownBuild, known_builds, pairs
 from resim.supervisor.events import read_log
@@ -65,7 +65,7 @@ def _text(request: Request, name: str, most: int = 200) -> str:
     return request.query_params.get(name, "")[:most].replace("\0", "")
 
 
-def task_of(supervisor: Supervisor, name: str) -> Task:
+def task_of(supervisor: Supervisor, name: str) -> QueuedTask:
     """Give a task by its id. Raises MissingError where there is none."""
     try:
         return supervisor.queue.get(name[:40])
@@ -227,11 +227,22 @@ def result(supervisor: Supervisor, request: Request) -> Told:
     there = state in ("there", "changed")
     known = {f.hash: f.id for f in supervisor.experiments.all() if f.hash}
     of_builds = {(b.label, b.hash): b.id for b in known_builds(supervisor.overview)}
+    pages = documents.pages(entry.folder) if there else []
     return "result.html", {
-        "one": entry, "state": state, "pages": documents.pages(entry.folder) if there else [],
-        "data": _data(entry.folder) if there else [], "recordings": known, "builds": of_builds,
-        "outcomes": entry.outcomes[:MOST_OUTCOMES],
+        "one": entry, "state": state, "pages": [p for p in pages if "/" not in p],
+        "below": [p for p in pages if "/" in p], "data": _data(entry.folder) if there else [],
+        "recordings": known, "builds": of_builds, "outcomes": entry.outcomes[:MOST_OUTCOMES],
+        "maker": _maker(supervisor, entry),
     }  # fmt: skip
+
+
+def _maker(supervisor: Supervisor, entry: CatalogEntry) -> QueuedTask | None:
+    """The task that wrote a result, if one did."""
+    try:
+        found = supervisor.queue.get(entry.folder.parent.name)
+    except InputError:
+        return None
+    return found if Path(found.folder) == entry.folder.parent else None
 
 
 def _data(folder: Path) -> list[str]:

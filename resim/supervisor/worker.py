@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from resim.core.errors import ResimError
-from resim.results.queue import Task, TaskQueue, TaskState
+from resim.results.queue import QueuedTask, TaskQueue, TaskState
 from resim.supervisor.processes import is_alive, number_of, process_name, read_whole, write_whole
 from resim.supervisor.runner import BEGUN, EXIT, LOG, PATIENCE, TASK_FILE
 
@@ -74,7 +74,7 @@ class Worker:
             self._begin(task)
             running += 1
 
-    def _look_after(self, task: Task) -> bool:
+    def _look_after(self, task: QueuedTask) -> bool:
         """Note how a task ended, if it did; end it where somebody asked for that. Says whether it ended."""
         folder = Path(task.folder)
         ended, begun = read_whole(folder / EXIT), read_whole(folder / BEGUN)
@@ -104,7 +104,7 @@ class Worker:
         self._begin(task)
         return False
 
-    def _begin(self, task: Task) -> None:
+    def _begin(self, task: QueuedTask) -> None:
         """Start the process of a task; where there is one already, it ends by itself."""
         folder = Path(task.folder)
         try:
@@ -122,7 +122,7 @@ class Worker:
         key = (task.id, task.attempt)
         self._starts[key] = self._starts.get(key, 0) + 1
 
-    def _end(self, task: Task, process: str) -> None:
+    def _end(self, task: QueuedTask, process: str) -> None:
         """Ask the process of a task to end, and kill it where it does not."""
         first = self._asked.setdefault(task.id, time.monotonic())
         with suppress(OSError):
@@ -131,7 +131,7 @@ class Worker:
             else:
                 os.kill(number_of(process), signal.SIGTERM)
 
-    def _forget(self, task: Task) -> None:
+    def _forget(self, task: QueuedTask) -> None:
         self._asked.pop(task.id, None)
         self._starts.pop((task.id, task.attempt), None)
         if (child := self._children.pop(task.id, None)) is not None:

@@ -11,10 +11,10 @@ import pytest
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
-from resim.results.queue import MOST_LOSSES, SILENT, Task, TaskQueue, new_id
+from resim.results.queue import MOST_LOSSES, SILENT, QueuedTask, TaskQueue, new_id
 
 
-def put(queue: TaskQueue, *words: str) -> Task:
+def put(queue: TaskQueue, *words: str) -> QueuedTask:
     name = new_id()
     return queue.add(name, "check", words or ("check", "x"), f"/tasks/{name}", ("--resume",))
 

@@ -97,7 +97,9 @@ def served(catalog: str, tmp_path: Path) -> Iterator[Callable[..., Started]]:
     yield start
     for process in processes:
         process.kill()
-        process.communicate()
+        process.wait()
+        assert process.stdout is not None
+        process.stdout.close()
     for begun in (tmp_path / "tasks").glob("*/begun.json"):  # what was left to run
         from resim.supervisor.processes import is_alive, number_of, read_whole
 

@@ -10,7 +10,7 @@ import pytest
 
 from resim.core.errors import InputError
 from resim.supervisor.access import Access, kept_key
-from resim.supervisor.limits import Rate, Streams
+from resim.supervisor.limits import RateLimit, StreamLimit
 
 ORIGIN = "http://127.0.0.1:8765"
 SECRET = "Dashboard"
@@ -197,10 +197,10 @@ def test_what_is_searched_for_is_never_markup(user: Any, name: str) -> None:
 
 
 def test_too_many_requests_and_streams_are_refused() -> None:
-    rate = Rate(each=0.001, burst=3.0)
+    rate = RateLimit(each=0.001, burst=3.0)
     assert [rate.allows("a") for _ in range(5)] == [True] * 3 + [False] * 2
     assert rate.allows("b")
-    streams = Streams(each=2, most=3)
+    streams = StreamLimit(each=2, most=3)
     assert [streams.takes(c) for c in "aaabb"] == [True, True, False, True, False]
     streams.leave("a")
     assert streams.takes("b")

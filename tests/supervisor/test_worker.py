@@ -14,7 +14,7 @@ import pytest
 from supervised import entered, waited
 
 from resim.results.catalog import Catalog
-from resim.results.queue import Task, TaskQueue, new_id
+from resim.results.queue import QueuedTask, TaskQueue, new_id
 from resim.supervisor import runner
 from resim.supervisor.processes import is_alive, number_of, process_name, read_whole, write_whole
 from resim.supervisor.worker import Worker
@@ -28,10 +28,10 @@ pytest.importorskip("grpc", reason="the extra grpc is not installed")
 
 
 @pytest.fixture
-def put(catalog: str, tmp_path: Path) -> Callable[..., Task]:
+def put(catalog: str, tmp_path: Path) -> Callable[..., QueuedTask]:
     queue = TaskQueue(Catalog(catalog))
 
-    def add(*words: str) -> Task:
+    def add(*words: str) -> QueuedTask:
         name = new_id()
         return queue.add(name, words[0], words, str(tmp_path / "tasks" / name))
 
@@ -51,16 +51,18 @@ def long(tmp_path: Path) -> list[str]:
     return ["function", "serve", str(build), "--address", "127.0.0.1:0"]
 
 
-def begun(task: Task) -> dict[str, Any]:
+def begun(task: QueuedTask) -> dict[str, Any]:
     return read_whole(Path(task.folder) / runner.BEGUN)
 
 
-def said(task: Task, words: str) -> bool:
+def said(task: QueuedTask, words: str) -> bool:
     log = Path(task.folder) / runner.LOG
     return log.is_file() and words in log.read_text(errors="replace")
 
 
-def test_tasks_are_done_with_their_log_and_exit_code(queue: TaskQueue, put: Callable[..., Task]) -> None:
+def test_tasks_are_done_with_their_log_and_exit_code(
+    queue: TaskQueue, put: Callable[..., QueuedTask]
+) -> None:
     good, wrong = put("check", "--", DRIVE), put("check", "--", "/nothing here")
     worker = Worker(queue, 2)
     waited(lambda: (worker.look(), not queue.unfinished())[1])
@@ -71,7 +73,9 @@ def test_tasks_are_done_with_their_log_and_exit_code(queue: TaskQueue, put: Call
     assert failed.told.startswith("resim: /nothing here")
 
 
-def test_a_running_task_is_cancelled(queue: TaskQueue, put: Callable[..., Task], long: list[str]) -> None:
+def test_a_running_task_is_cancelled(
+    queue: TaskQueue, put: Callable[..., QueuedTask], long: list[str]
+) -> None:
     task, worker = put(*long), Worker(queue, 1)
     waited(lambda: (worker.look(), said(task, LISTENS))[1])
     process = begun(task)["process"]
@@ -83,7 +87,7 @@ def test_a_running_task_is_cancelled(queue: TaskQueue, put: Callable[..., Task],
 
 
 def test_a_task_whose_process_is_killed_begins_again(
-    queue: TaskQueue, put: Callable[..., Task], long: list[str]
+    queue: TaskQueue, put: Callable[..., QueuedTask], long: list[str]
 ) -> None:
     task, worker = put(*long), Worker(queue, 1)
     waited(lambda: (worker.look(), said(task, LISTENS))[1])
@@ -118,7 +122,7 @@ def test_a_process_is_told_from_a_later_one_of_its_number() -> None:
 
 
 def test_a_server_that_is_killed_leaves_its_task_and_the_next_one_finds_it(
-    served: Callable[..., Any], queue: TaskQueue, put: Callable[..., Task], long: list[str]
+    served: Callable[..., Any], queue: TaskQueue, put: Callable[..., QueuedTask], long: list[str]
 ) -> None:
     task, later = put(*long), put("check", "--", DRIVE)
     server, address, token = served()
@@ -147,7 +151,7 @@ def test_a_server_that_is_killed_leaves_its_task_and_the_next_one_finds_it(
 
 
 def test_two_servers_at_once_do_each_task_once(
-    served: Callable[..., Any], queue: TaskQueue, put: Callable[..., Task]
+    served: Callable[..., Any], queue: TaskQueue, put: Callable[..., QueuedTask]
 ) -> None:
     servers = [served("--jobs", 2)[0] for _ in range(2)]
     tasks = [put("--version") for _ in range(8)]
@@ -159,7 +163,7 @@ def test_two_servers_at_once_do_each_task_once(
     assert all(server.poll() is None for server in servers)
 
 
-def test_the_log_comes_as_it_is_written(served: Callable[..., Any], put: Callable[..., Task]) -> None:
+def test_the_log_comes_as_it_is_written(served: Callable[..., Any], put: Callable[..., QueuedTask]) -> None:
     task = put("check", "--", DRIVE)
     _, address, token = served()
     with entered(address, token) as client:

@@ -60,7 +60,7 @@
   document.addEventListener("keydown", event => {
     if (event.key !== "/" || event.target.matches("input, select, textarea") || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
-    document.querySelector(".find input").focus();
+    document.querySelector(".find input").select();
   });
   if (log) toEnd();
   listen();
