@@ -64,6 +64,7 @@ class Catalog:
         self.name = shown(url)
         with self._explain_sql_errors():
             self._engine = engine(url)
+        self._looked = False
 
     def add(self, entry: CatalogEntry) -> None:
         """Put a result in, in the place of what is known of the same content in the same folder."""
@@ -171,7 +172,9 @@ class Catalog:
         with self._explain_sql_errors(), self._engine.connect() as connection:
             if connection.dialect.name == "sqlite":
                 connection.exec_driver_sql("PRAGMA foreign_keys = ON")
-            make_tables(connection, self.name)
+            if not self._looked:
+                make_tables(connection, self.name)
+                self._looked = True
             connection.rollback()  # what was read is done with; a transaction begins with what it writes
             yield connection
 

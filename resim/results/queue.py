@@ -231,6 +231,9 @@ class TaskQueue:
             .returning(TASK)
         )
         with self._begun() as connection:
+            if connection.scalar(select(TASK.c.id).where(waiting).limit(1)) is None:
+                return None  # the file is not locked for nothing
+        with self._begun() as connection:
             row = connection.execute(taken).one_or_none()
         return None if row is None else _task(row)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,8 @@ from resim.supervisor.limits import StreamLimit
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.runner import LOG
 
+LATER = 5
+"""By how much pages come after tasks where there are not enough cores for both."""
 STREAMS = StreamLimit(each=12, most=64)
 _STATIC = {
     "page.css": ("resim.report", "page.css", "text/css"),
@@ -68,8 +71,11 @@ def make_app(supervisor: Supervisor) -> ASGIApp:
 
     @asynccontextmanager
     async def life(app: Starlette) -> AsyncIterator[None]:
-        supervisor.changes.start()
         supervisor.worker.start()
+        os.nice(
+            LATER
+        )  # of this thread and those that it starts, not of tasks, which the worker starts: they come first
+        supervisor.changes.start()
         yield
         supervisor.changes.stop()
         await run_in_threadpool(supervisor.worker.stop)
@@ -117,7 +123,18 @@ def _action(
     supervisor: Supervisor, act: Callable[[Supervisor, Request], str]
 ) -> Callable[[Request], Response]:
     def done(request: Request) -> Response:
-        return RedirectResponse(act(supervisor, request), 303)
+        client = request.client.host if request.client else ""
+        note = partial(
+            supervisor.audit.note, request.state.session, client, request.url.path, request.state.form
+        )
+        note("asked")
+        try:
+            there = act(supervisor, request)
+        except ResimError as e:
+            note(f"refused: {e}")
+            raise
+        note(f"done: {there}")
+        return RedirectResponse(there, 303)
 
     return done
 
@@ -173,7 +190,7 @@ def _events(supervisor: Supervisor) -> Callable[[Request], Any]:
     async def opened(request: Request) -> Response:
         query, log = request.query_params, None
         if "task" in query:
-            task = await run_in_threadpool(views.task_of, supervisor, query["task"])
+            task = await run_in_threadpool(views.task_of, supervisor, query["task"].replace("\0", ""))
             log = Path(task.folder) / LOG
         told = request.headers.get("last-event-id", query.get("from", "0"))
         start = int(told) if told.isascii() and told.isdigit() and len(told) < 16 else 0

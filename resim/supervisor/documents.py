@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from resim.core.errors import InputError
+from resim.supervisor.places import is_utf8
 
 TYPES = {
     ".html": "text/html; charset=utf-8", ".css": "text/css; charset=utf-8", ".json": "application/json",
@@ -46,4 +47,4 @@ def pages(folder: Path) -> list[str]:
     found: list[str] = []
     for pattern in ("*.html", "*/*.html"):
         found += sorted(p.relative_to(folder).as_posix() for p in folder.glob(pattern) if p.is_file())
-    return [name for name in found if not name.startswith(".") and "/." not in name]
+    return [name for name in found if is_utf8(Path(name)) and not name.startswith(".") and "/." not in name]

@@ -7,6 +7,7 @@ import json
 import threading
 import time
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,8 +73,9 @@ class Changes:
 
     def _scan(self) -> None:
         while not self._ending.is_set():
-            self._supervisor.folders.scan()
-            self._supervisor.folders.hash_recordings()
+            with suppress(OSError, ResimError):  # of folders that change while they are looked at
+                self._supervisor.folders.scan()
+                self._supervisor.folders.hash_recordings()
             self._ending.wait(SCAN)
 
 

@@ -11,6 +11,7 @@ from resim.results.catalog import Catalog
 from resim.results.overview import CatalogOverview
 from resim.results.queue import TaskQueue
 from resim.supervisor.access import Access
+from resim.supervisor.audit import AuditTrail
 from resim.supervisor.events import Changes
 from resim.supervisor.experiments import Experiments
 from resim.supervisor.forms import JobForm
@@ -23,7 +24,8 @@ from resim.supervisor.worker import Worker
 class SupervisorSettings:
     """What a Supervisor is made of.
 
-    forms: of all jobs that may be started. tasks: folder of the logs and results of tasks. jobs: tasks at once.
+    forms: of all jobs that may be started. tasks: folder of the logs and results of tasks. audit: file that tells who
+    did what. jobs: tasks at once.
     """
 
     catalog: Catalog
@@ -32,6 +34,7 @@ class SupervisorSettings:
     tasks: Path
     access: Access
     door: Door
+    audit: Path
     jobs: int = 1
 
 
@@ -46,6 +49,7 @@ class Supervisor:
         self.worker = Worker(self.queue, settings.jobs)
         self.experiments = Experiments(self.overview, self.queue, self.folders)
         self.changes = Changes(self)
+        self.audit = AuditTrail(settings.audit)
 
     @cached_property
     def forms(self) -> dict[str, JobForm]:

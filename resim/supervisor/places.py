@@ -144,6 +144,15 @@ class RegisteredFolders:
         )
 
 
+def is_utf8(path: Path) -> bool:
+    """Say whether a path can be written down."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _walk(folder: Path) -> Iterator[tuple[Path, str]]:
     """Files below a folder, without links and hidden ones, and the folder of each as seen from it."""
     for where, folders, names in os.walk(folder):
@@ -156,6 +165,8 @@ def _walk(folder: Path) -> Iterator[tuple[Path, str]]:
         place = str(Path(folder.name) / inside)
         for name in names:
             path = here / name
+            if not is_utf8(path):  # resim writes no such name down
+                continue
             if (
                 path.suffix in (".toml", ".json", ".xodr")
                 and not name.startswith(".")

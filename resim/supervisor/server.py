@@ -97,7 +97,8 @@ def serve(
         access = Access(kept_key(data / "serve.key"), port)
         tasks = Path(os.path.realpath(options.tasks))
         tasks.mkdir(parents=True, exist_ok=True)
-        parts = SupervisorSettings(catalog, forms, folders, tasks, access, door, options.jobs)
+        audit = data / "audit.jsonl"
+        parts = SupervisorSettings(catalog, forms, folders, tasks, access, door, audit, options.jobs)
         supervisor = Supervisor(parts)
         supervisor.overview.version()  # a catalog that cannot be used is told of now
         config = uvicorn.Config(

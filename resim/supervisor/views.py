@@ -22,11 +22,13 @@ from resim.supervisor.experiments import STEPS, Experiment
 from resim.supervisor.forms import FormField
 from resim.supervisor.machine import machine_load
 from resim.supervisor.parts import Supervisor
+from resim.supervisor.places import is_utf8
 from resim.supervisor.runner import LOG
 
 EACH = 50
 """Rows of a page."""
 MOST_OUTCOMES = 500
+MOST_OPTIONS = 1_000
 LATEST = 8
 Told = tuple[str, dict[str, Any]]
 
@@ -247,7 +249,7 @@ def _maker(supervisor: Supervisor, entry: CatalogEntry) -> QueuedTask | None:
 
 def _data(folder: Path) -> list[str]:
     names = sorted(p.name for p in folder.iterdir() if p.suffix in (".json", ".xml", ".parquet", ".toml"))
-    return [name for name in names if not name.startswith(".")]
+    return [name for name in names if not name.startswith(".") and is_utf8(Path(name))]
 
 
 # tasks and jobs
@@ -292,15 +294,21 @@ def job(supervisor: Supervisor, request: Request) -> Told:
     if form is None:
         raise MissingError("There is no such job.")
     given = request.query_params
-    fields = [(field, _options(supervisor, field), given.getlist(field.name)) for field in form.fields]
+    told = {field.name: given.getlist(field.name) for field in form.fields}
+    fields = [
+        (field, _options(supervisor, field, told[field.name]), told[field.name]) for field in form.fields
+    ]
     lacking = [field.of[0] for field, options, _ in fields if field.required and field.of and not options]
-    return "job.html", {"form": form, "fields": fields, "lacking": lacking}
+    return "job.html", {"form": form, "fields": fields, "lacking": lacking, "most": MOST_OPTIONS}
 
 
-def _options(supervisor: Supervisor, field: FormField) -> list[tuple[str, str]]:
-    """The files that may be chosen: their ids, and how they are called."""
+def _options(supervisor: Supervisor, field: FormField, given: Sequence[str]) -> list[tuple[str, str]]:
+    """The files that may be chosen: their ids, and how they are called. Of very many the first, and those given."""
     kinds = tuple("recording" if kind == "drive" else kind for kind in field.of)
-    found = [(f.id, f"{f.name} – {f.place}") for f in supervisor.folders.all(*kinds)]
+    every = supervisor.folders.all(*kinds)
+    found = [
+        (f.id, f"{f.name} – {f.place}") for k, f in enumerate(every) if k < MOST_OPTIONS or f.id in given
+    ]
     if "result" in field.of:
         newest, _ = supervisor.overview.page(ResultQuery(kind="run"), 0, EACH)
         found += [(f"result-{e.id}", f"run of {e.name}, {e.written[:16].replace('T', ' ')}") for e in newest]

@@ -45,7 +45,13 @@ def supervisor(catalog: str, tmp_path: Path) -> Any:
     folders.scan()
     door = Door((ORIGIN, "http://localhost:8765"))
     settings = SupervisorSettings(
-        Catalog(catalog), job_forms(), folders, tmp_path / "tasks", Access(KEY, 8765), door
+        Catalog(catalog),
+        job_forms(),
+        folders,
+        tmp_path / "tasks",
+        Access(KEY, 8765),
+        door,
+        tmp_path / "audit.jsonl",
     )
     return Supervisor(settings)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -138,6 +140,25 @@ def test_a_job_is_put_in_by_its_form(supervisor: Any, user: Any, seal: str) -> N
         user.post(f"/tasks/{task.id}/burn", data={"seal": seal}, headers={"origin": ORIGIN}).status_code
         == 404
     )
+
+
+def test_what_was_done_leaves_a_trace(supervisor: Any, user: Any, seal: str) -> None:
+    headers = {"origin": ORIGIN}
+    assert user.post("/jobs/check", data={"seal": seal, "recording": "x"}, headers=headers).status_code == 422
+    assert user.post("/jobs/nothing", data={"seal": seal}, headers=headers).status_code == 404
+    path = supervisor.audit.path
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [line["outcome"].partition(":")[0] for line in lines] == ["asked", "refused"] * 2
+    assert lines[0]["form"] == [["recording", "x"]]
+    assert seal not in path.read_text()
+    assert user.cookies["resim_8765"] not in path.read_text()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    path.unlink()
+    path.mkdir()  # what leaves no trace is not done
+    drive = supervisor.folders.all("recording")[0].id
+    with pytest.raises(OSError, match="Is a directory"):
+        user.post("/jobs/check", data={"seal": seal, "recording": drive}, headers=headers)
+    assert supervisor.queue.counts() == {}
 
 
 def test_a_form_that_does_not_fit_says_why(supervisor: Any, user: Any, seal: str) -> None:

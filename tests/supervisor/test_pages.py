@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import re
 import time
@@ -263,6 +264,19 @@ def test_what_changes_in_a_registered_folder_is_seen(tmp_path: Path) -> None:
     assert (found.tables, found.hash, found.fault) == (("gt",), "", "")
     places.hash_recordings()
     assert "map" in places.get(found.id, ("recording",)).fault
+
+
+def test_names_that_are_no_text_hide_nothing_else(user: Any, supervisor: Any, tmp_path: Path) -> None:
+    for name in (b"good", b"bad\xff"):
+        folder = Path(os.fsdecode(os.fsencode(tmp_path / "drives") + b"/" + name))
+        folder.mkdir(parents=True)
+        (folder / "recording.toml").write_text("")
+    supervisor.folders.folders = (tmp_path / "drives",)
+    supervisor.folders.scan()
+    supervisor.folders.hash_recordings()
+    answer = user.get("/experiments")
+    assert answer.status_code == 200
+    assert "1 to 1 of 1 recordings" in answer.text
 
 
 def test_verdicts_that_are_not_known_are_never_good() -> None:

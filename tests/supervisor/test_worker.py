@@ -194,3 +194,10 @@ def test_too_many_streams_are_refused(served: Callable[..., Any]) -> None:
             answer = opened.enter_context(client.stream("GET", "/events"))
             assert answer.status_code == 200
         assert client.get("/events").status_code == 429
+        opened.close()
+
+        def is_open() -> bool:
+            with client.stream("GET", "/events") as answer:
+                return answer.status_code == 200
+
+        waited(is_open)  # those that were closed count no more
