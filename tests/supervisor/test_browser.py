@@ -10,6 +10,8 @@ import pytest
 from browsed import chromium, too_faint
 from supervised import waited
 
+from resim.results.catalog import Catalog
+from resim.results.queue import TaskQueue, new_id
 from resim.supervisor.processes import is_alive, read_whole
 
 ROOT = Path(__file__).parents[2]
@@ -124,3 +126,44 @@ def test_a_task_is_cancelled_by_one_and_seen_by_another(
     begun = [read_whole(path) for path in (tmp_path / "tasks").glob("*/begun.json")]
     assert [b["attempt"] for b in begun] == [2]
     waited(lambda: not is_alive(begun[0]["process"]))
+
+
+EVIL = """<!DOCTYPE html><title>waiting</title><script>(async () => {
+  const told = [];
+  for (const path of ["/tasks", "/", "/events"]) {
+    try { told.push((await fetch(path, { credentials: "include" })).status); } catch { told.push("none"); }
+  }
+  try { const got = await fetch("/tasks/TASK/cancel", { method: "POST", credentials: "include",
+    headers: { "content-type": "application/x-www-form-urlencoded" }, body: "seal=x" }); told.push(got.status); }
+  catch { told.push("none"); }
+  try { told.push(document.cookie || "empty"); } catch { told.push("none"); }
+  try { const form = document.createElement("form"); form.method = "post"; form.action = "/tasks/TASK/cancel";
+    document.body.append(form); form.submit(); told.push("sent"); } catch { told.push("none"); }
+  document.title = told.join(" ");
+})();</script>"""
+"""A document that tries to act for who looks at it."""
+
+
+def test_a_hostile_document_can_do_nothing(
+    browser: Any, served: Callable[..., Any], catalog: str, tmp_path: Path
+) -> None:
+    queue = TaskQueue(Catalog(catalog), "another machine")  # where nobody does it
+    name = new_id()
+    queue.add(name, "check", ("check",), str(tmp_path / "tasks" / name))
+    (tmp_path / "tasks" / name).mkdir(parents=True)
+    (tmp_path / "tasks" / name / "evil.html").write_text(EVIL.replace("TASK", name))
+    _, address, token = served()
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{address}/?token={token}")
+    page.wait_for_selector("main")
+    page.goto(f"{address}/tasks/{name}")
+    assert "waiting" in page.inner_text("main")
+    page.evaluate("name => { location.href = `/open/tasks/${name}/evil.html`; }", name)
+    page.wait_for_url("**/pages/**")
+    page.wait_for_function("document.title !== 'waiting'")
+    assert page.title() == "none none none none none sent"
+    page.wait_for_timeout(300)
+    assert "/pages/" in page.url
+    assert queue.get(name).state == "waiting"
+    context.close()
