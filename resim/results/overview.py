@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from sqlalchemy import ColumnElement, and_, func, or_, select
+from sqlalchemy import ColumnElement, Connection, Select, and_, func, or_, select
 
 from resim.results.catalog import Catalog
-from resim.results.entry import CatalogEntry, ResultKind
+from resim.results.entry import ResultKind
 from resim.results.tables import INPUT, OUTCOME, RESULT
 
 MOST_HASHES = 500
@@ -24,6 +25,20 @@ class ResultQuery:
     text: str = ""
     kind: ResultKind | None = None
     verdict: str = ""
+
+
+@dataclass(frozen=True)
+class ListedResult:
+    """A result as a list shows it. counts: of outcomes by verdict. builds, against: labels."""
+
+    id: str
+    kind: ResultKind
+    name: str
+    written: str
+    verdict: str
+    counts: Mapping[str, int]
+    builds: tuple[str, ...]
+    against: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -63,14 +78,13 @@ class CatalogOverview:
             count, latest = connection.execute(select(func.count(), func.max(RESULT.c.written))).one()
         return int(count), str(latest or "")
 
-    def page(self, query: ResultQuery, first: int, most: int) -> tuple[list[CatalogEntry], int]:
+    def page(self, query: ResultQuery, first: int, most: int) -> tuple[list[ListedResult], int]:
         """Give at most so many of the results that match, the newest first, from number `first` on; and how many do."""
         wanted = _wanted(query)
+        rows = select(*_LISTED).where(*wanted).order_by(RESULT.c.written.desc(), RESULT.c.id)
         with self._catalog.connected() as connection:
             count = connection.scalar(select(func.count()).select_from(RESULT).where(*wanted)) or 0
-            order = select(RESULT.c.id).where(*wanted).order_by(RESULT.c.written.desc(), RESULT.c.id)
-            names = connection.scalars(order.offset(first).limit(most)).all()
-        return self._catalog.entries(names), int(count)
+            return _listed(connection, rows.offset(first).limit(most)), int(count)
 
     def verdicts(self) -> list[str]:
         """Give all verdicts that results have."""
@@ -105,13 +119,12 @@ class CatalogOverview:
             and_(OUTCOME.c.result.in_(results), OUTCOME.c.build == name, RESULT.c.kind.in_(kinds))
         )
 
-    def results_of_build(self, name: str, digest: str, most: int) -> list[CatalogEntry]:
+    def results_of_build(self, name: str, digest: str, most: int) -> list[ListedResult]:
         """Give the newest results of a build, at most so many."""
         its = (INPUT.c.role == "build") & (INPUT.c.name == name) & (INPUT.c.hash == digest)
-        of = select(RESULT.c.id).where(RESULT.c.id.in_(select(INPUT.c.result).where(its)))
+        rows = select(*_LISTED).where(RESULT.c.id.in_(select(INPUT.c.result).where(its)))
         with self._catalog.connected() as connection:
-            names = connection.scalars(of.order_by(RESULT.c.written.desc(), RESULT.c.id).limit(most)).all()
-        return self._catalog.entries(names)
+            return _listed(connection, rows.order_by(RESULT.c.written.desc(), RESULT.c.id).limit(most))
 
     def _outcomes(self, condition: ColumnElement[bool]) -> list[OutcomeOf]:
         of = and_(
@@ -129,6 +142,26 @@ class CatalogOverview:
         )  # fmt: skip
         with self._catalog.connected() as connection:
             return [OutcomeOf(*row) for row in connection.execute(rows)]
+
+
+_LISTED = tuple(RESULT.c[name] for name in ("id", "kind", "name", "written", "verdict", "counts"))
+
+
+def _listed(connection: Connection, rows: Select[Any]) -> list[ListedResult]:
+    """Results as rows of a list, with the builds of each: nothing else of them is read."""
+    found = connection.execute(rows).all()
+    of = INPUT.c.result.in_([row.id for row in found]) & INPUT.c.role.in_(("build", "against"))
+    builds: dict[tuple[str, str], list[str]] = {}
+    told = select(INPUT.c.result, INPUT.c.role, INPUT.c.name).where(of).order_by(INPUT.c.row)
+    for result, role, name in connection.execute(told):
+        builds.setdefault((result, role), []).append(name)
+    return [
+        ListedResult(
+            row.id, row.kind, row.name, row.written, row.verdict, row.counts if isinstance(row.counts, dict) else {},
+            tuple(dict.fromkeys(builds.get((row.id, "build"), ()))), tuple(builds.get((row.id, "against"), ())),
+        )
+        for row in found
+    ]  # fmt: skip
 
 
 def _wanted(query: ResultQuery) -> list[ColumnElement[bool]]:
