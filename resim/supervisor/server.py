@@ -11,6 +11,7 @@ import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from urllib.parse import urlsplit
 
 import uvicorn
@@ -111,9 +112,22 @@ def serve(
         _write_page(page, address)
         try:
             ready(address, page)
-            uvicorn.Server(config).run(sockets=[listening])
+            _Server(config, supervisor.changes.stop).run(sockets=[listening])
         finally:
             page.unlink(missing_ok=True)
+
+
+class _Server(uvicorn.Server):
+    """A server that ends its streams when it is asked to end: it waits for them."""
+
+    def __init__(self, config: uvicorn.Config, ending: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ending = ending
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Hear of a signal."""
+        self._ending()
+        super().handle_exit(sig, frame)
 
 
 def open_browser(page: Path) -> None:

@@ -65,6 +65,16 @@ def test_what_cannot_be_used_is_told_in_a_line(
     assert "switches the catalog off" in call("serve", "--no-open")[2]
 
 
+def test_a_server_that_is_asked_to_end_does_so_at_once_and_quietly(served: Callable[..., Any]) -> None:
+    server, address, token = served()
+    with entered(address, token) as client, client.stream("GET", "/events") as answer:
+        lines = answer.iter_lines()
+        assert next(lines) == "retry: 2000"
+        server.terminate()
+        assert not any(lines)  # it ends as it should, not torn off
+    assert server.wait(20) == 143
+
+
 def test_the_token_is_the_users_alone(served: Callable[..., Any], tmp_path: Path) -> None:
     _, address, token = served()
     page = tmp_path / "data" / "resim" / "open.html"
