@@ -106,6 +106,11 @@ class MessageFunction:
         self._begun = False
         self._partner.end(packed({"message": "close"}))
 
+    def abandon(self) -> None:
+        """End it at once, as a run does that is broken off."""
+        self._begun = False
+        self._partner.kill()
+
     def probe(self, message: bytes) -> str:
         """Begin, and say what it does with a message that it cannot know; FunctionError for an answer."""
         self._partner.start()
