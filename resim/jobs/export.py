@@ -36,12 +36,28 @@ from resim.report.player.simulated import broken_off
 from resim.resimulation.run import describe_recording
 from resim.resimulation.written import read_run
 from resim.results import EXPORT, check_output, refuse_within, whole_folder, write_json
-from resim.results.folders import ASSESSMENT, CONVERSION, RUN, SWEEP, VERIFICATION, check_results, locked
+from resim.results.folders import (
+    ASSESSMENT,
+    COMPARISON,
+    CONVERSION,
+    MINING,
+    RELEASE,
+    RUN,
+    SPACE,
+    SWEEP,
+    VARIATIONS,
+    VERIFICATION,
+    check_results,
+    locked,
+)  # fmt: skip
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.openscenario import STYLES, VERSIONS, openscenario, refuse_without_openscenario
 from resim.scenario.scenario import Scenario
 
+PACKED = (RUN, VERIFICATION, SWEEP, VARIATIONS, MINING, SPACE, RELEASE, COMPARISON, CONVERSION, ASSESSMENT)
+PACKED_OF = "run, assess, map convert, verify, sweep, vary, mine or space"
+"""Folders that are packed as a crate, and the commands that write them."""
 SOURCE_ALONE = "scenario"
 """What the one source of a JSCEN file is called."""
 
@@ -212,7 +228,8 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
     """Write a folder of results as an RO-Crate: all of its files, and what is in it, what made it, from what.
 
     Args:
-        results: Folder that `resim run`, `assess --out`, `map convert`, `verify` or `sweep` wrote.
+        results: Folder that `resim run`, `assess --out`, `map convert`, `verify`, `sweep`, `vary`, `mine` or `space`
+            wrote.
         out: Folder for the crate; an earlier export there is replaced.
 
     Returns:
@@ -223,13 +240,11 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
     """
     path, folder = path_of(results), path_of(out)
     kind = next(
-        (one for one in (RUN, VERIFICATION, SWEEP, CONVERSION, ASSESSMENT) if (path / one.mark).is_file()),
+        (one for one in PACKED if (path / one.mark).is_file()),
         None,
     )
     if kind is None:
-        raise InputError(
-            path, "is no folder of results", "Give what run, assess, map convert, verify or sweep wrote."
-        )
+        raise InputError(path, "is no folder of results", f"Give what {PACKED_OF} wrote.")
     check_results(path, kind)
     refuse_within(folder, path, f"lies within {path}, which is to be packed")
     check_output(folder, EXPORT, (path,))
