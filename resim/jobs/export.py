@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import math
 import shutil
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -141,12 +142,14 @@ class ExportForm:
         module: Has `write`, which writes a drive into a folder and gives the file of each source.
         needs: Packages that are not always there, and the extra that brings each.
         labelled: Whether it holds maneuvers.
+        latest: Whole seconds that its clock counts to.
     """
 
     title: str
     module: str
     needs: Mapping[str, str]
     labelled: bool = False
+    latest: float = math.inf
 
 
 FORMS: Mapping[str, ExportForm] = {
@@ -154,12 +157,12 @@ FORMS: Mapping[str, ExportForm] = {
         "OSI", "resim.exports.osi", {"osi3": "osi"},
     ),
     "mcap": ExportForm(
-        "MCAP", "resim.exports.mcap", {"osi3": "osi", "mcap": "osi", "foxglove": "foxglove"},
+        "MCAP", "resim.exports.mcap", {"osi3": "osi", "mcap": "osi", "foxglove": "foxglove"}, latest=2**32,
     ),
-    "rosbag": ExportForm("rosbag2", "resim.exports.rosbag", {"rosbags": "ros"}),
+    "rosbag": ExportForm("rosbag2", "resim.exports.rosbag", {"rosbags": "ros"}, latest=2**31),
     "openlabel": ExportForm("OpenLABEL 1.0.0", "resim.exports.openlabel", {}, labelled=True),
     "foxglove": ExportForm(
-        "Foxglove", "resim.exports.foxglove", {"mcap": "foxglove", "foxglove": "foxglove"},
+        "Foxglove", "resim.exports.foxglove", {"mcap": "foxglove", "foxglove": "foxglove"}, latest=2**32,
     ),
 }  # fmt: skip
 """By the name of the command; OpenSCENARIO has more to choose from, and a function of its own."""
@@ -192,6 +195,7 @@ def export_drive(
         )
     check_output(folder, EXPORT, (path,))
     played = _played(path, accept)
+    _check_clock(path, played, made)
     if made.labelled:
         played = replace(played, layers=tuple(_labelled(layer, played.network) for layer in played.layers))
     with whole_folder(folder, EXPORT, (played.network.path,)) as new:
@@ -261,6 +265,15 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
         report = ExportReport(versions(), title, "RO-Crate 1.1", "", {}, "", files)
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
+
+
+def _check_clock(path: Path, played: PlayedDrive, made: ExportForm) -> None:
+    """Raise InputError for times that the clock of a form does not count to; it counts from 0, or the first below."""
+    first = min(0.0, *(float(layer.tracks.t[0]) for layer in played.layers))
+    last = max(float(layer.tracks.t[-1]) for layer in played.layers)
+    if last - first >= made.latest - 1.0:
+        problem = f"has times up to {last:g} s, and the clock of {made.title} ends at {made.latest:g} s"
+        raise InputError(path, problem, "Give t in seconds, since 1970 or since the start of the drive.")
 
 
 def _played(path: Path, accept: Collection[str]) -> PlayedDrive:
