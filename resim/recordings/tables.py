@@ -65,6 +65,26 @@ def check_tracks(path: Path, frame: pd.DataFrame) -> None:
     check_times(path, frame)
 
 
+def check_readable(path: Path, frame: pd.DataFrame) -> None:
+    """Refuse in rows that are to be written what `read_track_table` would refuse in them.
+
+    frame: track table as `read_track_table` gives it. Raises InputError naming `path`, where the rows are from.
+    """
+    if not frame.index.is_unique:
+        frame = frame.reset_index(drop=True)
+    _refuse(path, frame, ~frame["id"].map(_is_name), "id", "a name of one line that UTF-8 can hold")
+    for column in (c for c in frame.columns if c not in TEXT):
+        _numbers(path, frame, column, required=column in COLUMNS and column not in VALUES)
+    _check_terms(path, frame)
+
+
+def _is_name(name: str) -> bool:
+    try:
+        return len(name.splitlines()) == 1 and bool(name.encode())
+    except UnicodeEncodeError:
+        return False
+
+
 def check_complete(path: Path, frame: pd.DataFrame) -> None:
     """Refuse rows in which one of VALUES is missing. Raises InputError."""
     for column in VALUES:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from urllib.parse import quote
 
 import jsonschema
 import numpy as np
@@ -13,7 +14,9 @@ from typer.testing import CliRunner
 
 from resim.cli import app
 from resim.core.errors import InputError
+from resim.exports.rocrate import FILE
 from resim.jobs import space as job
+from resim.jobs.export import export_rocrate
 from resim.jobs.mine import MineOptions, mine
 from resim.jobs.schemas import schema_of
 from resim.recordings import Recording, write_recording
@@ -78,6 +81,14 @@ def test_from_mined_drives_to_a_verdict(tmp_path: Path, mined: list[Path]) -> No
     assert code == 0
     code, words = run("compare", space, tmp_path / "other", "--out", tmp_path / "compared")
     assert code == 0, words
+    for folder in (mined[0], space, tmp_path / "release", tmp_path / "compared"):
+        export_rocrate(folder, tmp_path / "crate")
+        (root,) = (
+            one for one in json.loads((tmp_path / "crate" / FILE).read_text())["@graph"] if one["@id"] == "./"
+        )
+        assert {part["@id"] for part in root["hasPart"]} == {
+            quote(file.relative_to(folder).as_posix()) for file in folder.rglob("*") if file.is_file()
+        }
     told = json.loads((tmp_path / "compared" / "comparison.json").read_text())
     jsonschema.validate(told, schema_of("space_comparison"))
     assert told["only_other"] == 0  # all of it is in the first one, too

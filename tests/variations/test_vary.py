@@ -12,6 +12,7 @@ from traced import kernel_file
 from resim.core.errors import InputError
 from resim.core.halton import halton
 from resim.core.overlaps import first_overlaps
+from resim.jobs.export import export_rocrate
 from resim.jobs.play import played_drive
 from resim.jobs.vary import Variations, VaryOptions, read_variations, vary
 from resim.recordings import RecordingTables, read_recording
@@ -128,6 +129,11 @@ def test_the_original_is_where_nothing_is_changed() -> None:
     np.testing.assert_allclose(after.x, before.x, atol=1e-4)
     np.testing.assert_allclose(after.y, before.y, atol=1e-4)
     assert found.distance == 0.0
+
+
+def test_variations_are_packed_as_a_crate(varied: Variations, tmp_path: Path) -> None:
+    found = export_rocrate(varied.folder, tmp_path / "crate")
+    assert {"variations.json", "variations.parquet", "ro-crate-metadata.json"} <= set(found.files)
 
 
 def test_the_player_shows_a_bundle(varied: Variations) -> None:
