@@ -110,9 +110,13 @@ FAULTS = {
 }
 
 
-def test_what_a_served_function_does_costs_its_run(process: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("some", [("exit", "hang"), pytest.param(tuple(FAULTS)[2:], marks=pytest.mark.slow)])
+def test_what_a_served_function_does_costs_its_run(
+    process: Path, tmp_path: Path, some: tuple[str, ...]
+) -> None:
     with server(process) as (address, relay):
-        for what, (deed, why) in FAULTS.items():
+        for what in some:
+            deed, why = FAULTS[what]
             build = served_at(tmp_path, address, f"[parameters]\nhow = {deed!r}\n", "time_limit = 0.5\n")
             done = run(build, tmp_path / f"out {what}")
             assert (done.returncode, why in done.stderr) == (3, True), done.stderr

@@ -136,7 +136,12 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("what", FAULTS)
+OFTEN = ("exit", "hang", "rubbish", "a process of its own")  # the others in `make validate`
+
+
+@pytest.mark.parametrize(
+    "what", [pytest.param(what, marks=() if what in OFTEN else pytest.mark.slow) for what in FAULTS]
+)
 def test_what_a_process_does_costs_its_run(build: Callable[..., Path], tmp_path: Path, what: str) -> None:
     deed, why = FAULTS[what]
     text = marked(COMMAND, tmp_path).replace("[process]", "time_limit = 0.5\n[process]")
@@ -317,7 +322,12 @@ class Follow:
     ("name", "reset", "v", "close"),
     [
         ("determinism", "pass", "random.random()", "pass"),
-        ("clock", "import time; self.begin = time.monotonic()", "time.monotonic() - self.begin > 0.5", "pass"),
+        (
+            "clock",
+            "import time; self.begin = time.monotonic()",
+            "time.monotonic() - self.begin > 0.5",
+            "pass",
+        ),
         ("restart", "self.lock.touch(exist_ok=False)", "1.0", "self.lock.unlink()"),
     ],
 )
