@@ -80,6 +80,7 @@ class MinedPart:
         ego: Its id.
         build: The build that drove it, None where a person did or nobody says.
         build_hash: Hash of that build.
+        ended: When [s] its EGO's drive broke off (a collision, the road's edge, the function), None where it did not.
         map: Name of the map, with the beginning of its hash.
     """
 
@@ -103,6 +104,7 @@ class MinedPart:
     ego: str | None = None
     build: str | None = None
     build_hash: str | None = None
+    ended: float | None = None
     map: str | None = None
 
 
@@ -336,8 +338,16 @@ def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[
         lifetime=float((last - first)[drives].mean()) if drives.any() else None,
         ego_hours=float(dt[own].sum()) / 3600.0, ego_kilometres=float(way[own].sum()) / 1000.0,
         ego=mined.recording.ego, build=mined.recording.build, build_hash=mined.recording.build_hash,
-        map=map_folder(mined.recording.map),
+        ended=_broke_off(mined.recording), map=map_folder(mined.recording.map),
     )  # fmt: skip
+
+
+def _broke_off(recording: Recording) -> float | None:
+    """When the drive of a function ended early, as whoever made the recording says; None where it did not."""
+    if not recording.provenance.get("ended"):
+        return None
+    gt = recording.gt
+    return float(gt.t[gt.valid[gt.index(recording.ego)]][-1])
 
 
 def _others(first: np.ndarray, last: np.ndarray) -> float:

@@ -77,7 +77,7 @@ def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Spa
 
 
 def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
-    own = replace(space, rows=space.rows.assign(build="f-1"))
+    own = replace(space, rows=space.rows.assign(build="f-1"))  # its hash
     runs = [RUN, replace(RUN, name="2", risk=0.5), replace(RUN, name="3", risk=np.nan),
             replace(RUN, name="4", trust="outside"),
             replace(RUN, name="5", collided=True, risk=0.2, repeat="again")]  # fmt: skip
@@ -102,4 +102,14 @@ def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
     assert calibrated(risks, held, cluster).verdict == "calibrated"
     assert calibrated(risks, [replace(one, collided=True) for one in held], cluster).verdict == "too low"
     assert calibrated(risks, held[:5], cluster).verdict == "not shown"
-    assert calibrated(risks, [replace(one, recording="elsewhere") for one in held], {}).unknown == 200
+    strange = calibrated(risks, [replace(one, recording="elsewhere") for one in held], {})
+    assert (strange.unknown, strange.verdict) == (200, "not shown")  # nobody says what was predicted of them
+    swept = calibrated(risks, [replace(one, changed="perception.latency.speed is swept") for one in held], cluster)
+    assert (swept.unknown, swept.verdict) == (200, "not shown")
+
+
+def test_a_run_that_is_there_again_is_no_further_evidence(space: Space) -> None:
+    runs = [replace(RUN, name=name, same="run 1") for name in ("a", "b", "c")]
+    found = judged_members(space, runs, [DRIVE], known(), 0.7)
+    assert found["counts"].tolist() == [True, False, False]
+    assert found["why"].tolist()[1:] == ["it is the same run as a"] * 2
