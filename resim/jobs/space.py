@@ -32,7 +32,7 @@ from resim.results import (
 )
 from resim.space.build import build_space, grow_space, usual_threshold
 from resim.space.comparison import SpaceComparison, compare_spaces, together
-from resim.space.folder import read_report, read_space, write_space
+from resim.space.folder import REMEDY, read_report, read_space, write_space
 from resim.space.limits import read_limits
 from resim.space.members import TestDrive, clusters_of, judged_members
 from resim.space.model import Space
@@ -166,7 +166,10 @@ def read_result(folder: str | Path) -> SpaceResult:
     Raises:
         InputError: It is none, or was changed.
     """
-    return SpaceResult(path_of(folder), read_report(path_of(folder)))
+    where = path_of(folder)
+    report = read_report(where)
+    check_hashes(where, report.files, REMEDY)
+    return SpaceResult(where, report)
 
 
 @dataclass(frozen=True)

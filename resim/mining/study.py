@@ -46,6 +46,7 @@ from resim.recordings.checked import finding_lines, load_checked
 from resim.recordings.content import content_hash
 from resim.recordings.tables import read_parquet
 from resim.results import write_json, write_parquet
+from resim.resimulation import AssessmentOptions, assess_recording
 from resim.road.opendrive import RoadNetwork, load
 
 PART, CUT = "part.json", "cut.json"
@@ -81,6 +82,7 @@ class MinedPart:
         build: The build that drove it, None where a person did or nobody says.
         build_hash: Hash of that build.
         ended: When [s] its EGO's drive broke off (a collision, the road's edge, the function), None where it did not.
+        collided: Whether its EGO did, of a drive of a build; None where somebody may have been hit unseen, and of others.
         map: Name of the map, with the beginning of its hash.
     """
 
@@ -105,6 +107,7 @@ class MinedPart:
     build: str | None = None
     build_hash: str | None = None
     ended: float | None = None
+    collided: bool | None = None
     map: str | None = None
 
 
@@ -338,7 +341,7 @@ def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[
         lifetime=float((last - first)[drives].mean()) if drives.any() else None,
         ego_hours=float(dt[own].sum()) / 3600.0, ego_kilometres=float(way[own].sum()) / 1000.0,
         ego=mined.recording.ego, build=mined.recording.build, build_hash=mined.recording.build_hash,
-        ended=_broke_off(mined.recording), map=map_folder(mined.recording.map),
+        ended=_broke_off(mined.recording), collided=_collided(mined.recording), map=map_folder(mined.recording.map),
     )  # fmt: skip
 
 
@@ -348,6 +351,14 @@ def _broke_off(recording: Recording) -> float | None:
         return None
     gt = recording.gt
     return float(gt.t[gt.valid[gt.index(recording.ego)]][-1])
+
+
+def _collided(recording: Recording) -> bool | None:
+    """Whether the EGO of a build's drive collides, also with whoever is missing at that time: labels see rows alone."""
+    if recording.build is None:
+        return None
+    found = assess_recording(recording, AssessmentOptions(only=("collision",))).blocks["GT"]
+    return True if found.contacts else False if found.clear else None
 
 
 def _others(first: np.ndarray, last: np.ndarray) -> float:

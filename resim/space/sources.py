@@ -37,7 +37,8 @@ class DrivenRecording:
         ego: Id of the recording's own EGO.
         build: Hash of the build that drove it, "" for a person or where nobody says.
         content: Hash of its content, "" where nobody says.
-        accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario.
+        accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario; 1 where
+            nobody says that it did not collide.
     """
 
     name: str
@@ -97,6 +98,7 @@ def read_mined(folder: Path) -> MinedSource:
         egos = str(told.get("egos", "every"))
         recordings = tuple(_driven(part, egos) for part in told["parts"])
         ended = {str(part["recording"]): float(part["ended"]) for part in told["parts"] if part.get("ended") is not None}
+        unclear = {str(part["recording"]) for part in told["parts"] if part.get("collided", False) is not False}
         failed = tuple(str(one["recording"]) for one in told["failures"])
         trigger = [str(label) for label in told["trigger"]]
     except (KeyError, TypeError, AttributeError) as e:
@@ -106,7 +108,9 @@ def read_mined(folder: Path) -> MinedSource:
     left_out = tuple(frame["scenario"][~usable].astype(str))
     seen = _Accidents(maneuvers, recordings, ended)
     rows = _rows(frame[usable].reset_index(drop=True), maneuvers, recordings, trigger, seen)
-    recordings = tuple(replace(one, accidents=seen.outside(one, rows)) for one in recordings)
+    recordings = tuple(
+        replace(one, accidents=max(seen.outside(one, rows), one.name in unclear and not seen.known(one))) for one in recordings
+    )
     state = hashlib.sha256()
     for name in (MARK, *(f"{table}.parquet" for table in TABLES)):
         state.update(file_hash(folder / name).encode())
@@ -210,6 +214,10 @@ class _Accidents:
             ],
             dtype=bool,
         )
+
+    def known(self, one: DrivenRecording) -> bool:
+        """Say whether there is any of a recording's own EGO."""
+        return (one.name, one.ego) in self.spans
 
     def outside(self, one: DrivenRecording, rows: pd.DataFrame) -> int:
         """Count those of a recording's own EGO that are in no scenario of it."""
