@@ -148,11 +148,11 @@ def _runs(folder: Path, one: VerifiedRecording, run: SimulatedRun) -> Iterator[S
             )  # fmt: skip
         return
     risk = one.risk.each().get(one.way, (None,))[0]
-    collided = run.collided if one.verdict == "verified" else None  # it ends as the drive did; of another nobody says
+    collided = (
+        run.collided if one.verdict == "verified" else None
+    )  # it ends as the drive did; of another nobody says
     same = _same(run.recording, {}, "" if one.way == "rGT" else one.way, 0)
-    yield replace(
-        run, name=name, risk=math.nan if risk is None else risk, collided=collided, same=same
-    )
+    yield replace(run, name=name, risk=math.nan if risk is None else risk, collided=collided, same=same)
 
 
 def _measured_collision(recording: Recording) -> bool | None:

@@ -45,8 +45,8 @@ from resim.recordings import Recording, read_tables
 from resim.recordings.checked import finding_lines, load_checked
 from resim.recordings.content import content_hash
 from resim.recordings.tables import read_parquet
-from resim.results import write_json, write_parquet
 from resim.resimulation import AssessmentOptions, assess_recording
+from resim.results import write_json, write_parquet
 from resim.road.opendrive import RoadNetwork, load
 
 PART, CUT = "part.json", "cut.json"

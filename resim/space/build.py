@@ -234,7 +234,9 @@ def _refuse_twice(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
     for one in source.recordings:
         if one.content and one.content in known:
             problem = f"recording {one.name} is in the space already"
-            raise InputError(source.folder, problem, "A drive counts once: mine each recording into one folder.")
+            raise InputError(
+                source.folder, problem, "A drive counts once: mine each recording into one folder."
+            )
         known.add(one.content)
 
 

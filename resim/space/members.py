@@ -132,7 +132,12 @@ def judged_members(
         if key not in legitimate:
             legitimate[key] = _legitimacy(space, key, cluster.get(run.recording, ""), (drives, known, within))
         found = legitimate[key]
-        why = _twin(run, first) or found.why or _own_reason(run) or ("" if cluster.get(run.recording) else "is in no cluster")
+        why = (
+            _twin(run, first)
+            or found.why
+            or _own_reason(run)
+            or ("" if cluster.get(run.recording) else "is in no cluster")
+        )
         rows.append(
             (run.name, known.scenario.get(run.recording) or run.recording, cluster.get(run.recording, ""), found.drive,
              found.distance, run.risk, run.collided, not why, why, run.repeat)

@@ -97,8 +97,14 @@ def read_mined(folder: Path) -> MinedSource:
     try:
         egos = str(told.get("egos", "every"))
         recordings = tuple(_driven(part, egos) for part in told["parts"])
-        ended = {str(part["recording"]): float(part["ended"]) for part in told["parts"] if part.get("ended") is not None}
-        unclear = {str(part["recording"]) for part in told["parts"] if part.get("collided", False) is not False}
+        ended = {
+            str(part["recording"]): float(part["ended"])
+            for part in told["parts"]
+            if part.get("ended") is not None
+        }
+        unclear = {
+            str(part["recording"]) for part in told["parts"] if part.get("collided", False) is not False
+        }
         failed = tuple(str(one["recording"]) for one in told["failures"])
         trigger = [str(label) for label in told["trigger"]]
     except (KeyError, TypeError, AttributeError) as e:
@@ -109,7 +115,8 @@ def read_mined(folder: Path) -> MinedSource:
     seen = _Accidents(maneuvers, recordings, ended)
     rows = _rows(frame[usable].reset_index(drop=True), maneuvers, recordings, trigger, seen)
     recordings = tuple(
-        replace(one, accidents=max(seen.outside(one, rows), one.name in unclear and not seen.known(one))) for one in recordings
+        replace(one, accidents=max(seen.outside(one, rows), one.name in unclear and not seen.known(one)))
+        for one in recordings
     )
     state = hashlib.sha256()
     for name in (MARK, *(f"{table}.parquet" for table in TABLES)):

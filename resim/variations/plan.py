@@ -85,5 +85,9 @@ def verified_request(file: Path) -> VerificationRequest:
 def verified_for(file: Path) -> str:
     """Name the build and the perception model that a verification is of. Raises InputError where the file is none."""
     asked = verified_request(file)
-    seen = "without a perception model" if asked.perception is None else f"with {Path(asked.perception.path).name}"
+    seen = (
+        "without a perception model"
+        if asked.perception is None
+        else f"with {Path(asked.perception.path).name}"
+    )
     return f"{asked.build.label} {seen}"

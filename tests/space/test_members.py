@@ -104,7 +104,9 @@ def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
     assert calibrated(risks, held[:5], cluster).verdict == "not shown"
     strange = calibrated(risks, [replace(one, recording="elsewhere") for one in held], {})
     assert (strange.unknown, strange.verdict) == (200, "not shown")  # nobody says what was predicted of them
-    swept = calibrated(risks, [replace(one, changed="perception.latency.speed is swept") for one in held], cluster)
+    swept = calibrated(
+        risks, [replace(one, changed="perception.latency.speed is swept") for one in held], cluster
+    )
     assert (swept.unknown, swept.verdict) == (200, "not shown")
 
 

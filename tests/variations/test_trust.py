@@ -63,7 +63,10 @@ def test_beyond_a_range_by_less_than_its_resolution_is_outside() -> None:
 
 def test_another_vehicle_or_weather_is_outside() -> None:
     found = judged_trust({"1": BEFORE}, {"1": BEFORE}, RANGES, "object 1 is a truck of 12 m")
-    assert (found.level, found.reason) == ("outside", "object 1 is a truck of 12 m: verified is the origin's own")
+    assert (found.level, found.reason) == (
+        "outside",
+        "object 1 is a truck of 12 m: verified is the origin's own",
+    )
 
 
 def test_a_parameter_that_was_not_verified_does_not_cover() -> None:

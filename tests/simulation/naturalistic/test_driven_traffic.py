@@ -192,9 +192,7 @@ def test_a_function_that_fails_at_once_is_recorded_or_refused(tmp_path: Path) ->
     )
     build = tmp_path / "fails.toml"
     for at in (0.5, 0.0):
-        build.write_text(
-            f'name = "fails"\nversion = "1"\nfactory = "fails:Fails"\n[parameters]\nat = {at}\n'
-        )
+        build.write_text(f'name = "fails"\nversion = "1"\nfactory = "fails:Fails"\n[parameters]\nat = {at}\n')
         asked = make_traffic(
             MAP, tmp_path / f"out{at}", hours=0.003, settings=settings(tmp_path, ""), seed=4, build=build
         )
