@@ -154,8 +154,9 @@ def with_ego(
     times = driven.sensed.tracks.t
     recording = Recording(
         name="", map=network.path, ego=name, gt=driven.tracks, gt_rate=rate, sd=driven.sensed.tracks,
-        sd_rate=round(1.0 / float(np.median(np.diff(times))), 6) if len(times) > 1 else rate, sd_gt_id=driven.sensed.gt_id,
-        build=driven.build, build_hash=driven.build_hash, plan=driven.plan, provenance=_reactions(driven),
+        sd_rate=round(1.0 / float(np.median(np.diff(times))), 6) if len(times) > 1 else rate,
+        sd_gt_id=driven.sensed.gt_id, build=driven.build, build_hash=driven.build_hash, plan=driven.plan,
+        provenance=_reactions(driven),
     )  # fmt: skip
     return EgoWindow(recording, made, driven.ended, bool(driven.failure))
 

@@ -92,7 +92,9 @@ def _of_sweep(folder: Path, swept: SweepResult) -> Simulated:
             f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
             _number(row["risk"]), _flag(row["collision"]), words, _trust(row.get(TRUST), varied),
             repeat=f"resim sweep repeat {_shown(folder)} {row['run']} --out out/repeated",
-            same=_same(keys[row["recording"]], {name: row[name] for name in varied}, told, row["seed"] if perception else 0),
+            same=_same(
+                keys[row["recording"]], {name: row[name] for name in varied}, told, row["seed"] if perception else 0
+            ),
         )
         for row in swept.rows.to_dict("records")
     ]  # fmt: skip
@@ -162,8 +164,9 @@ def _measured_collision(recording: Recording) -> bool | None:
 
 
 def _same(recording: str, values: Mapping[str, float], varied: str, seed: int) -> str:
-    """What tells a run from others of the same build and model, whoever did it. values: of parameters that vary traffic;
-    varied: how they do.
+    """What tells a run from others of the same build and model, whoever did it.
+
+    values: of parameters that vary traffic; varied: how they do.
     """
     moved = sorted((name, float(value)) for name, value in values.items() if value != 0.0)
     return f"{recording} {moved} {varied if moved else ''} {seed}"

@@ -82,7 +82,8 @@ class MinedPart:
         build: The build that drove it, None where a person did or nobody says.
         build_hash: Hash of that build.
         ended: When [s] its EGO's drive broke off (a collision, the road's edge, the function), None where it did not.
-        collided: Whether its EGO did, of a drive of a build; None where somebody may have been hit unseen, and of others.
+        collided: Whether its EGO did, of a drive of a build; None of others, and where somebody may have been hit
+            unseen.
         map: Name of the map, with the beginning of its hash.
     """
 

@@ -60,10 +60,9 @@ class ReliabilityReport:
 def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
     """Compare predicted risk (K,) with collisions (K,), 1 or 0; NaN where either is not known.
 
-    A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, and neither
-    is one of the drives that a bin needs, so that what is missing never makes it better; that they are too low is told
-    of known ones alone. Predictions that are
-    too high are on the safe side.
+    A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, and
+    neither is one of the drives that a bin needs, so that what is missing never makes it better; that they are too low
+    is told of known ones alone. Predictions that are too high are on the safe side.
     """
     unknown = np.isnan(predicted) | np.isnan(collided)
     told, hit = np.nan_to_num(predicted, nan=0.0), np.nan_to_num(collided, nan=1.0)

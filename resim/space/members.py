@@ -53,8 +53,8 @@ class SimulatedRun:
         changed: What of build and perception differs from what was verified, "" for nothing.
         trust: `inside`, `outside` or `unknown` of a variation, `inside` of what was not varied.
         repeat: Command that repeats it.
-        same: What tells it from other runs, by whatever command they were done; "" where nobody says. Runs that share it
-            are one: no evidence of each other.
+        same: What tells it from other runs, by whatever command they were done; "" where nobody says. Runs that share
+            it are one: no evidence of each other.
     """
 
     name: str

@@ -31,7 +31,7 @@ class SourceEntry:
         build_share: Share of its scenarios whose EGO a build drove.
         recordings: Hashes of the content of its recordings.
         failed: Recordings that could not be mined: what happened in them is not known.
-        accidents: By hash of the build, collisions of its test drives and ends before their time that are in no scenario.
+        accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
     """
 
     name: str

@@ -151,8 +151,8 @@ def calibrated(
 ) -> ReliabilityReport:
     """Compare the risk of clusters, by their members that count, with the collisions of drives that were held out.
 
-    cluster: of recordings, by key. A held-out drive of no cluster, of one without a risk, or that is not what was verified
-    has no prediction.
+    cluster: of recordings, by key. A held-out drive of no cluster, of one without a risk, or that is not what was
+    verified has no prediction.
     """
     by_name = {one.cluster: one.risk.value for one in risks}
     of = ["" if run.changed else cluster.get(run.recording, "") for run in held]

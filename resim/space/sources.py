@@ -37,8 +37,8 @@ class DrivenRecording:
         ego: Id of the recording's own EGO.
         build: Hash of the build that drove it, "" for a person or where nobody says.
         content: Hash of its content, "" where nobody says.
-        accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario; 1 where
-            nobody says that it did not collide.
+        accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario; 1
+            where nobody says that it did not collide.
     """
 
     name: str

@@ -81,7 +81,9 @@ def vary_recording(
 ) -> tuple[PreparedRecording, Row]:
     """Give a recording as a run's values vary it, and its distance and trust, for the run's row.
 
-    digest: hash of the recording's content. setup: by which trust is only that of who was verified. Raises ResimError for a variation that is impossible.
+    digest: hash of the recording's content. setup: what drives it; only what was verified is trusted.
+
+    Raises ResimError for a variation that is impossible.
     """
     found = _variations(prepared, digest, runs)
     there = ready(found.plan)

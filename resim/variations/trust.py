@@ -9,8 +9,8 @@ measured. A variation changes everything a little; so it is held against the hul
   ACROSS to either side of the original's.
 
 All of that holds in every moment that both are there for, and for every object that is varied. What a variation changes
-by less than the parameter's own resolution is no change; it widens no range, as a KPI may flip so little beyond one. Readings of ours: the source says only that a variation
-between a verified scenario and a re-checked one is trusted.
+by less than the parameter's own resolution is no change; it widens no range, as a KPI may flip so little beyond one.
+Readings of ours: the source says only that a variation between a verified scenario and a re-checked one is trusted.
 """
 
 from __future__ import annotations
