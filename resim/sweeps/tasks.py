@@ -22,7 +22,7 @@ from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.engines import ENGINES, Fingerprint, is_repeated
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_together
 from resim.sweeps.sweep_file import EngineName
-from resim.sweeps.varied import RunSetup, VariedRuns, vary_recording
+from resim.sweeps.varied import SweptDriver, VariedRuns, vary_recording
 
 PRELOADED = ("resim.resimulation.run",)
 """What a child has before it starts."""
@@ -87,7 +87,7 @@ def run(tasks: RunBatch) -> tuple[RunResult, ...]:
     told: Row = {}
     if task.varied is not None:
         seen = None if task.perception is None else task.perception.hash
-        setup = RunSetup(task.build.hash, seen, task.vehicle, task.traffic)
+        setup = SweptDriver(task.build.hash, seen, task.vehicle, task.traffic)
         varied, told = vary_recording(prepared.recording, task.hash, task.varied, dict(task.values), setup)
         prepared = replace(prepared, recording=varied)
     build = with_values(_build(task.build), task.values)

@@ -44,7 +44,7 @@ class VariedRuns:
 
 
 @dataclass(frozen=True)
-class RunSetup:
+class SweptDriver:
     """What drives a run: hashes of build and perception model, None without one, vehicle model and traffic."""
 
     build: str
@@ -77,7 +77,11 @@ class _Variations:
 
 
 def vary_recording(
-    prepared: PreparedRecording, digest: str, runs: VariedRuns, values: Mapping[str, float], setup: RunSetup
+    prepared: PreparedRecording,
+    digest: str,
+    runs: VariedRuns,
+    values: Mapping[str, float],
+    setup: SweptDriver,
 ) -> tuple[PreparedRecording, Row]:
     """Give a recording as a run's values vary it, and its distance and trust, for the run's row.
 
@@ -109,7 +113,7 @@ def _trust(found: _Variations, there: PlannedSearch, drive: VariedDrive) -> Trus
     return judged_trust(there.origin.motions, drive.motions, found.ranges)
 
 
-def _unlike(verified: VerificationRequest | None, setup: RunSetup, swept: Sequence[str]) -> str:
+def _unlike(verified: VerificationRequest | None, setup: SweptDriver, swept: Sequence[str]) -> str:
     """How a run is not what was verified, "" where it is. swept: other parameters of the sweep."""
     if verified is None:
         return ""

@@ -13,7 +13,7 @@ from resim.jobs.sweep import SweepOptions, report_sweep, sweep
 from resim.jobs.vary import VaryOptions, vary
 from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.sweep_file import read_sweep_file
-from resim.sweeps.varied import RunSetup, _unlike
+from resim.sweeps.varied import SweptDriver, _unlike
 from resim.variations.kernels import write_kernels
 from resim.variations.settings import VariationSettings, WhatVaries
 
@@ -82,7 +82,7 @@ def test_a_run_is_of_the_variation_of_its_number(tmp_path: Path) -> None:
 def test_trust_is_that_of_what_was_verified(changed: dict[str, object], swept: list[str], why: str) -> None:
     files = {"build": SimpleNamespace(hash="b"), "perception": SimpleNamespace(hash="p")}
     verified = SimpleNamespace(**files, vehicle="kinematic", traffic=None)
-    setup = replace(RunSetup("b", "p", "kinematic", None), **changed)  # type: ignore[arg-type]
+    setup = replace(SweptDriver("b", "p", "kinematic", None), **changed)  # type: ignore[arg-type]
     assert _unlike(verified, setup, swept) == why  # type: ignore[arg-type]
 
 
