@@ -74,7 +74,8 @@ def check_readable(path: Path, frame: pd.DataFrame) -> None:
     """
     if not frame.index.is_unique:
         frame = frame.reset_index(drop=True)
-    _refuse(path, frame, ~frame["id"].map(_is_name), "id", "a name of one line that UTF-8 can hold")
+    names = {name: _is_name(name) for name in frame["id"].unique()}
+    _refuse(path, frame, ~frame["id"].map(names), "id", "a name of one line that UTF-8 can hold")
     for column in (c for c in frame.columns if c not in TEXT):
         _numbers(path, frame, column, required=column in COLUMNS and column not in VALUES)
     _check_terms(path, frame)
