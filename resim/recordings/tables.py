@@ -33,6 +33,8 @@ VALUES = ("x", "y", "heading", "v")
 BIGGEST = 1e12
 """Largest number [of any unit] in a table: squares and cubes of larger ones are none any more."""
 
+MOST_COLUMNS, LONGEST_HEADER = 5_000, 10_000_000
+"""Columns of a table, and bytes of its first line that are looked at: pandas is slow with more."""
 MOST_TURNED = 1e4
 """Largest heading [rad], for those that count turns; also what SUMO brings into one turn without a hang."""
 
@@ -72,7 +74,8 @@ def check_readable(path: Path, frame: pd.DataFrame) -> None:
     """
     if not frame.index.is_unique:
         frame = frame.reset_index(drop=True)
-    _refuse(path, frame, ~frame["id"].map(_is_name), "id", "a name of one line that UTF-8 can hold")
+    names = {name: _is_name(name) for name in frame["id"].unique()}
+    _refuse(path, frame, ~frame["id"].map(names), "id", "a name of one line that UTF-8 can hold")
     for column in (c for c in frame.columns if c not in TEXT):
         _numbers(path, frame, column, required=column in COLUMNS and column not in VALUES)
     _check_terms(path, frame)
@@ -161,6 +164,10 @@ def _read_csv(path: Path, numbers: Sequence[str], text: Sequence[str]) -> pd.Dat
         raise InputError(path, "there is no such file", "Check the path.")
     if not path.stat().st_size:
         raise InputError(path, "is empty (0 bytes)", "Write a header line and one row per time and object.")
+    with path.open("rb") as file:
+        if (count := file.readline(LONGEST_HEADER).count(b",") + 1) > MOST_COLUMNS:
+            problem = f"has {count:,} columns or more, up to {MOST_COLUMNS:,} are read"
+            raise InputError(path, problem, "Keep those of the format.")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)

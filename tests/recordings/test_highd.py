@@ -133,6 +133,14 @@ def test_refuses_a_frame_rate_that_is_none(write: Write, rate: str) -> None:
         read(path, "1")
 
 
+def test_refuses_a_table_of_too_many_columns(write: Write) -> None:
+    wide = TRACKS.strip() + "".join(f",c{k}" for k in range(100_000))
+    with pytest.raises(
+        InputError, match=r"07_tracks\.csv: has 100,011 columns or more, up to 5,000 are read"
+    ):
+        read(write(f"{wide}\n{'1,' * 100_010}1\n", META + "1,Car,2\n"), "1")
+
+
 def test_refuses_an_alignment_that_is_none(write: Write) -> None:
     path = write(TRACKS + ROWS, META + "1,Car,2\n2,Car,2\n")
     (form,) = (one for one in FORMATS if one.name == "highd")

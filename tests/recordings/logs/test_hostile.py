@@ -10,7 +10,6 @@ import re
 import resource
 import sqlite3
 import struct
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -386,7 +385,7 @@ def test_what_a_library_leaves_behind_goes_with_its_process(
     pytest.importorskip("asammdf")
     there = tmp_path / "there"
     there.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(there))
+    monkeypatch.setenv("TMPDIR", str(there))  # of the process: this one has its folder already
     path = tmp_path / "a.mf4"
     path.write_bytes(b"MDF     4.10    " + bytes(400))
     told(path, 'ego = "e"\n[gt]\ntopic = "A"\nid = { value = "e" }\nt = "time"\nx = "x"\ny = "x"\n')
