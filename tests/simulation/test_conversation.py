@@ -287,9 +287,14 @@ def test_parameters_have_names_of_text(recorded: Path, tmp_path: Path) -> None:
 
 def test_a_changed_conversation_is_refused_and_named(recorded: Path, tmp_path: Path) -> None:
     raw = (recorded / "rGT.conversation").read_bytes()
-    last = raw.rindex(b"acceleration") + len(b"acceleration") + 1  # nothing is asked after it that would differ
+    last = (
+        raw.rindex(b"acceleration") + len(b"acceleration") + 1
+    )  # nothing is asked after it that would differ
     build = shutil.copy(recorded / "recorded.toml", tmp_path)
-    for changed in (raw[:last] + bytes([raw[last] ^ 0x80]) + raw[last + 1 :], raw.replace(b"name", b"mane", 1)):
+    for changed in (
+        raw[:last] + bytes([raw[last] ^ 0x80]) + raw[last + 1 :],
+        raw.replace(b"name", b"mane", 1),
+    ):
         (tmp_path / "rGT.conversation").write_bytes(changed)
         with pytest.raises(InputError, match="was changed after it was recorded") as refused:
             load_build(Path(build))

@@ -317,7 +317,12 @@ class Follow:
     ("name", "reset", "v", "close"),
     [
         ("determinism", "pass", "random.random()", "pass"),
-        ("clock", "import time; self.begin = time.monotonic()", "time.monotonic() - self.begin > 0.5", "pass"),
+        (
+            "clock",
+            "import time; self.begin = time.monotonic()",
+            "time.monotonic() - self.begin > 0.5",
+            "pass",
+        ),
         ("restart", "self.lock.touch(exist_ok=False)", "1.0", "self.lock.unlink()"),
     ],
 )

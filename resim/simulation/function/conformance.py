@@ -162,9 +162,7 @@ def _same(name: str, answers: _Answers, again: _Answers | str, what: str) -> Che
     if isinstance(again, str):
         return Check(name, False, again)
     differ = np.flatnonzero(answers.differ(again))
-    where = (
-        "" if not len(differ) else f"not {what}: {len(differ)} of {STEPS} answers differ, first that at "
-    )
+    where = "" if not len(differ) else f"not {what}: {len(differ)} of {STEPS} answers differ, first that at "
     return Check(name, not len(differ), f"{where}{differ[0] * STEP:.2f} s" if where else what)
 
 

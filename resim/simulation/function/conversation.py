@@ -1,8 +1,8 @@
 """A conversation with a function, recorded: what it was asked and answered in a run, byte for byte.
 
 A file is a row of messages, each its length and msgpack, as they are sent: first who spoke (`Speaker`) with a checksum
-of the whole, then in turn what was asked and what was answered, empty where no answer came. It takes the function's place (`RecordedPartner`), or
-is held against it.
+of the whole, then in turn what was asked and what was answered, empty where no answer came. It takes the function's
+place (`RecordedPartner`), or is held against it.
 """
 
 from __future__ import annotations

@@ -100,7 +100,9 @@ class StreamPartner:
         """Send a message, its length before it, and give the body of its answer."""
         if self._stream is None:
             raise FunctionError("was asked when it had ended")
-        early = not self._told.empty()  # taken for the answer, it would make each the one to the question before
+        early = (
+            not self._told.empty()
+        )  # taken for the answer, it would make each the one to the question before
         if not early:
             self._asked.put(encode(message[4:]))
         answer = self._next()
