@@ -58,7 +58,8 @@ def test_a_noisy_lane_change_leaves_the_follower_one_leader_after_another(tmp_pa
     x, y, v = (getattr(exact, name) + rng.normal(0.0, 0.05, exact.x.shape) for name in "xyv")
     noisy = Tracks(t=exact.t, ids=exact.ids, kind=exact.kind, x=x, y=y, heading=exact.heading, v=v,
                    length=exact.length, width=exact.width, valid=exact.valid)  # fmt: skip
-    told = [sorted(m.label for m in find_maneuvers(features(one, network)) if m.label != "follow_lane")
-            for one in (exact, noisy)]  # fmt: skip
+    found = [features(one, network) for one in (exact, noisy)]
+    told = [sorted(m.label for m in find_maneuvers(one) if m.label != "follow_lane") for one in found]
     assert told[0] == told[1]
+    assert [np.count_nonzero(one.passed) for one in found] == [1, 1]  # over the border once
     assert told[0].count("tailgating_minor") == 1
