@@ -34,7 +34,7 @@ from resim.space.build import build_space, grow_space, usual_threshold
 from resim.space.comparison import SpaceComparison, compare_spaces, together
 from resim.space.folder import REMEDY, read_report, read_space, write_space
 from resim.space.limits import read_limits
-from resim.space.members import TestDrive, clusters_of, judged_members
+from resim.space.members import TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.page import (
     write_comparison_page,
@@ -229,7 +229,8 @@ def cover(
         write_parquet(members, folder / "members.parquet")
         report = CoverReport(
             versions(), {"members.parquet": file_hash(folder / "members.parquet")}, file_hash(folder / MARK),
-            first.build, first.label, first.perception, within, _verified(drives), risks, calibration,
+            first.build, first.label, first.perception, within, _verified(drives),
+            not_mined(found, [drive for _, one in (*given, *held) for drive in one.drives], known), risks, calibration,
             tuple(cover_notes(members, drives)),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)

@@ -120,8 +120,9 @@ def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
         refuse_changed(path, key)
         recording = read_recording(path)
         own = bool(build) and recording.build_hash == build
-        drives.append(TestDrive(key, one.name, build, perception, one.verdict, own))
         hit = _measured_collision(recording)
+        accident = hit is not False or bool(recording.provenance.get("ended"))
+        drives.append(TestDrive(key, one.name, build, perception, one.verdict, own, accident))
         repeat = (
             f"resim run {_shown(path)} --build {_shown(_path(folder, inputs.build.path))} --out out/repeated"
         )

@@ -64,11 +64,12 @@ class Catalog:
         self.name = shown(url)
         with self._explain_sql_errors():
             self._engine = engine(url)
+        self._looked = False
 
     def add(self, entry: CatalogEntry) -> None:
         """Put a result in, in the place of what is known of the same content in the same folder."""
         row = _result_row(entry)
-        with self._connection() as connection, connection.begin():
+        with self.connected() as connection, connection.begin():
             put = inserting(connection, RESULT).values(row)
             connection.execute(put.on_conflict_do_update(index_elements=[RESULT.c.id], set_=row))
             for table, told in (
@@ -115,8 +116,7 @@ class Catalog:
                 told = ", ".join(i[: max(SHORT, len(wanted) + 2)] for i in found[:5])
                 raise InputError(wanted, f"{len(found)} results begin so: {told}", "Give more of the id.")
             return self._entries(select(RESULT).where(RESULT.c.id == found[0]))[0]
-        folder = os.path.normpath(Path(wanted).absolute())
-        of_folder = self._entries(select(RESULT).where(RESULT.c.folder == folder))
+        of_folder = self.of_folder(Path(wanted))
         if of_folder:
             return next((e for e in of_folder if e.state() == "there"), of_folder[0])
         named = self._entries(select(RESULT).where(RESULT.c.name == wanted))
@@ -126,17 +126,25 @@ class Catalog:
         remedy = "`resim runs list` shows all; `resim runs add FOLDER` puts one in."
         raise InputError(wanted, f"is no result that the catalog {self.name} knows{told}", remedy)
 
+    def entries(self, ids: Sequence[str]) -> list[CatalogEntry]:
+        """Give the results with these ids, the newest first; those that there are."""
+        return self._entries(select(RESULT).where(RESULT.c.id.in_(ids)))
+
+    def of_folder(self, folder: Path) -> list[CatalogEntry]:
+        """Give the results that a folder holds or held, the newest first."""
+        return self._entries(select(RESULT).where(RESULT.c.folder == os.path.normpath(folder.absolute())))
+
     def forget(self, entry: CatalogEntry) -> None:
         """Take a result out; its folder stays as it is."""
-        with self._connection() as connection, connection.begin():
+        with self.connected() as connection, connection.begin():
             connection.execute(delete(RESULT).where(RESULT.c.id == entry.id))
 
     def _ids(self) -> Sequence[str]:
-        with self._connection() as connection:
+        with self.connected() as connection:
             return connection.scalars(select(RESULT.c.id)).all()
 
     def _entries(self, results: Select[Any]) -> list[CatalogEntry]:
-        with self._connection() as connection:
+        with self.connected() as connection:
             rows = connection.execute(results.order_by(RESULT.c.written.desc(), RESULT.c.id)).all()
             ids = results.with_only_columns(RESULT.c.id)
             inputs = _by_result(
@@ -159,11 +167,14 @@ class Catalog:
             raise InputError(self.name, what, ANEW) from None
 
     @contextmanager
-    def _connection(self) -> Iterator[Connection]:
+    def connected(self) -> Iterator[Connection]:
+        """A connection, for modules of this package; errors of the database are InputError."""
         with self._explain_sql_errors(), self._engine.connect() as connection:
             if connection.dialect.name == "sqlite":
                 connection.exec_driver_sql("PRAGMA foreign_keys = ON")
-            make_tables(connection, self.name)
+            if not self._looked:
+                make_tables(connection, self.name)
+                self._looked = True
             connection.rollback()  # what was read is done with; a transaction begins with what it writes
             yield connection
 

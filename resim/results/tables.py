@@ -104,12 +104,15 @@ def where(environment: Mapping[str, str] = os.environ) -> str | None:
     told = environment.get(VARIABLE)
     if told is not None:
         return None if told.strip().lower() in ("", "none") else told
+    return str(data_folder(environment) / "catalog.sqlite")
+
+
+def data_folder(environment: Mapping[str, str] = os.environ) -> Path:
+    """Give the folder in which resim keeps what belongs to a user."""
     home = Path(environment.get("HOME") or Path.home())
     if sys.platform == "darwin":
-        data = home / "Library" / "Application Support"
-    else:
-        data = Path(environment.get("XDG_DATA_HOME") or home / ".local" / "share")
-    return str(data / "resim" / "catalog.sqlite")
+        return home / "Library" / "Application Support" / "resim"
+    return Path(environment.get("XDG_DATA_HOME") or home / ".local" / "share") / "resim"
 
 
 def address(catalog: str) -> URL:

@@ -80,6 +80,7 @@ class TestDrive:
         perception: Hash of the perception model, "" without one.
         verdict: Of its verification.
         own: Whether the build under test drove it; people's drives are no test drives.
+        accident: Whether its EGO collided in the measured drive, or the drive broke off, or nobody says that it did not.
     """
 
     __test__ = False
@@ -90,6 +91,7 @@ class TestDrive:
     perception: str
     verdict: str
     own: bool
+    accident: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +206,13 @@ def _legitimacy(
         else f"the nearest verified test drive is {distance:.2f} away, at most {within:g} counts"
     )
     return Legitimacy(good[k].name, distance, why)
+
+
+def not_mined(space: Space, drives: Sequence[TestDrive], known: DrivenTraces) -> int:
+    """Count the build's test drives with an accident of which the space holds neither the drive nor a scenario."""
+    mined = {content for one in space.sources for content in one.recordings}
+    left = {one.recording for one in drives if one.own and one.accident} - mined
+    return sum(not known.scenario.get(recording) for recording in left)
 
 
 def _origins(space: Space, recording: str, cluster: str, known: DrivenTraces) -> SlotTraces:

@@ -209,6 +209,11 @@ def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
             f"{accidents} collisions or ends of this build's test drives are in no scenario: mine them so that these "
             "are cut out"
         )
+    if cover is not None and cover.accidents:
+        yield (
+            f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
+            "and build it of them as well"
+        )
     if failed := [name for one in space.sources for name in one.failed]:
         yield f"{len(failed)} recordings could not be mined ({failed[0]}): what happened in them is not known"
 

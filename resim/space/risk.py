@@ -76,6 +76,7 @@ class CoverReport:
         perception: Hash of the perception model, "" without one.
         within: Slot distance to a verified test drive up to which members count.
         drives: How many test drives are verified.
+        accidents: How many of this build's test drives collide or break off and are not in the space.
         clusters: Risk of each cluster.
         calibration: Of predicted risk; None without held-out drives.
         notes: What is to be known to believe it.
@@ -91,6 +92,7 @@ class CoverReport:
     perception: str
     within: float
     drives: int
+    accidents: int
     clusters: tuple[ClusterRisk, ...]
     calibration: ReliabilityReport | None
     notes: tuple[str, ...]

@@ -12,7 +12,7 @@ from space.families import drawn
 from space.spaces import KINDS, space_of
 
 from resim.jobs.space_members import _runs
-from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members
+from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
 from resim.space.traces import joined
@@ -143,3 +143,12 @@ def test_what_a_verification_ran_is_told_as_it_ended() -> None:
         entry.verdict = "not verified"
         (one,) = _runs(Path("v"), entry, replace(run, collided=collided))  # type: ignore[arg-type]
         assert one.collided is None
+
+
+def test_a_test_drive_with_an_accident_that_was_not_mined_is_told(space: Space) -> None:
+    hit = replace(DRIVE, accident=True)
+    assert not_mined(space, [DRIVE, replace(hit, own=False)], known()) == 0
+    assert not_mined(space, [hit, hit, replace(hit, recording="run")], known()) == 2
+    assert not_mined(space, [replace(hit, recording="run")], known(scenario="one_0")) == 0
+    mined = replace(space, sources=tuple(replace(one, recordings=("drive",)) for one in space.sources))
+    assert not_mined(mined, [hit], known()) == 0

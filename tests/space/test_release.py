@@ -46,7 +46,7 @@ def members(space: Space, each: int, risk: float) -> pd.DataFrame:
 
 def cover(space: Space, frame: pd.DataFrame, calibration: object = GOOD) -> CoverReport:
     risks = cluster_risks(space, frame, "f-1")
-    return CoverReport({}, {}, "", "b", "f-1", "", 0.7, 1, risks, calibration, ())  # type: ignore[arg-type]
+    return CoverReport({}, {}, "", "b", "f-1", "", 0.7, 1, 0, risks, calibration, ())  # type: ignore[arg-type]
 
 
 def decided(
@@ -178,6 +178,10 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
         found = decided(other, frame, limits(0.1))
         assert found.verdict == "not shown"
         assert "in no scenario" in found.statement or "could not be mined" in found.statement
+    left_out = replace(cover(seen, frame), accidents=1)
+    found = decide(seen, left_out, limits(0.1), HASHES)
+    assert found.verdict == "not shown"
+    assert "collide or break off and are not in the space" in found.statement
     of_another = replace(seen, sources=tuple(replace(one, accidents={"c": 1}) for one in seen.sources))
     assert decided(of_another, frame, limits(0.1)).verdict == "good"
 

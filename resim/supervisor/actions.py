@@ -1,0 +1,82 @@
+"""What forms do: start a job, and cancel, repeat or reorder tasks. Each gives the address of the page to go on with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from starlette.requests import Request
+
+from resim.core.errors import InputError
+from resim.results.queue import new_id
+from resim.supervisor.forms import FormError, command_line
+from resim.supervisor.parts import Supervisor
+from resim.supervisor.views import MissingError, result_folder, task_of
+
+MOST_WAITING = 10_000
+"""Tasks that may wait."""
+
+
+def start(supervisor: Supervisor, request: Request) -> str:
+    """Put a job in that was filled in."""
+    form = supervisor.forms.get(request.path_params["job"])
+    if form is None:
+        raise MissingError("There is no such job.")
+    if supervisor.queue.counts().get("waiting", 0) >= MOST_WAITING:
+        raise FormError(f"{form.name}: {MOST_WAITING} tasks are waiting already")
+    name = new_id()
+    folder = supervisor.settings.tasks / name
+
+    def path_of(given: str, kinds: tuple[str, ...]) -> Path:
+        if "result" in kinds and given.startswith("result-"):
+            return result_folder(supervisor, given.removeprefix("result-"))
+        try:
+            return supervisor.folders.get(given, kinds).path
+        except InputError as e:
+            raise FormError(str(e)) from e
+
+    words = command_line(form, request.state.form, path_of, folder)
+    supervisor.queue.add(name, form.name, words, str(folder), form.again)
+    return f"/tasks/{name}"
+
+
+def _cancel(supervisor: Supervisor, name: str) -> bool:
+    return supervisor.queue.cancel(name)
+
+
+def _retry(supervisor: Supervisor, name: str) -> bool:
+    return supervisor.queue.retry(name)
+
+
+def _first(supervisor: Supervisor, name: str) -> bool:
+    highest = max((t.priority for t in supervisor.queue.unfinished() if t.state == "waiting"), default=0)
+    return supervisor.queue.prioritise(name, min(highest + 1, 1_000_000))
+
+
+def _earlier(supervisor: Supervisor, name: str) -> bool:
+    return supervisor.queue.move(name, -1)
+
+
+def _later(supervisor: Supervisor, name: str) -> bool:
+    return supervisor.queue.move(name, 1)
+
+
+_OF_TASKS: Mapping[str, Callable[[Supervisor, str], bool]] = {
+    "cancel": _cancel, "retry": _retry, "first": _first, "earlier": _earlier, "later": _later
+}  # fmt: skip
+
+
+def _of_task(supervisor: Supervisor, request: Request) -> str:
+    """Do something with a task; where it is too late for that, its page shows how it is now."""
+    task = task_of(supervisor, request.path_params["task"])
+    act = _OF_TASKS.get(request.path_params["act"])
+    if act is None:
+        raise MissingError("There is no such action.")
+    act(supervisor, task.id)
+    return "/tasks" if request.state.form == [("back", "tasks")] else f"/tasks/{task.id}"
+
+
+ACTIONS: Mapping[str, Callable[[Supervisor, Request], str]] = {
+    "/jobs/{job}": start,
+    "/tasks/{task}/{act}": _of_task,
+}

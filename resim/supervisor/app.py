@@ -1,0 +1,210 @@
+"""The pages and what they are made of: routes, templates, errors."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from functools import cache, partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from resim import __version__
+from resim.core.errors import InputError, ResimError
+from resim.supervisor import actions, views, words
+from resim.supervisor.documents import find_document
+from resim.supervisor.events import stream
+from resim.supervisor.forms import FormError
+from resim.supervisor.guard import DOCUMENT_POLICY, Guard
+from resim.supervisor.limits import StreamLimit
+from resim.supervisor.parts import Supervisor
+from resim.supervisor.runner import LOG
+
+LATER = 5
+"""By how much pages come after tasks where there are not enough cores for both."""
+STREAMS = StreamLimit(each=12, most=64)
+_STATIC = {
+    "page.css": ("resim.report", "page.css", "text/css"),
+    "supervisor.css": ("resim.supervisor", "static/supervisor.css", "text/css"),
+    "supervisor.js": ("resim.supervisor", "static/supervisor.js", "text/javascript"),
+}
+"""What all pages look like: the look of the reports, and what the Supervisor has besides."""
+_TITLES = {401: "Not let in", 403: "Refused", 404: "There is no such page", 422: "This cannot be started"}
+
+Page = Callable[[Supervisor, Request], tuple[str, dict[str, Any]]]
+
+
+@cache
+def _templates() -> Environment:
+    env = Environment(
+        loader=PackageLoader("resim.supervisor"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    env.filters.update(moment=words.moment, size=words.size, tone=words.tone)
+    env.globals.update(span=words.span, version=__version__)
+    return env
+
+
+def rendered(template: str, **values: Any) -> str:
+    """Give the HTML of a page; every value is escaped."""
+    return _templates().get_template(template).render(**values)
+
+
+def refusal(status: int, why: str) -> Response:
+    """Give the page of an error."""
+    title = _TITLES.get(status, "This did not work")
+    return HTMLResponse(rendered("error.html", title=title, why=why, status=status), status)
+
+
+def make_app(supervisor: Supervisor) -> ASGIApp:
+    """Give the application: guarded, with all its pages. Its worker begins with it."""
+
+    @asynccontextmanager
+    async def life(app: Starlette) -> AsyncIterator[None]:
+        supervisor.worker.start()
+        os.nice(
+            LATER
+        )  # of this thread and those that it starts, not of tasks, which the worker starts: they come first
+        supervisor.changes.start()
+        yield
+        supervisor.changes.stop()
+        await run_in_threadpool(supervisor.worker.stop)
+
+    routes = [
+        Route("/static/{name}", _static, methods=["GET"]),
+        Route("/events", _events(supervisor), methods=["GET"]),
+        Route("/open/{kind}/{name}/{path:path}", _sealed(supervisor), methods=["GET"]),
+        Route("/pages/{seal}/{kind}/{name}/{path:path}", _document(supervisor), methods=["GET"]),
+        *(Route(path, _page(supervisor, page), methods=["GET"]) for path, page in views.PAGES.items()),
+        *(Route(path, _action(supervisor, act), methods=["POST"]) for path, act in actions.ACTIONS.items()),
+    ]
+    app = Starlette(
+        routes=routes, lifespan=life,
+        exception_handlers={HTTPException: _refused, ResimError: _failed, Exception: _broken},  # type: ignore[dict-item]
+    )  # fmt: skip
+    return Guard(app, access=supervisor.access, door=supervisor.settings.door, refuse=refusal)
+
+
+def _refused(request: Request, e: HTTPException) -> Response:
+    return refusal(e.status_code, e.detail)
+
+
+def _failed(request: Request, e: ResimError) -> Response:
+    if isinstance(e, FormError):
+        return refusal(422, str(e))
+    return refusal(404 if isinstance(e, views.MissingError) else 500, str(e))
+
+
+def _broken(request: Request, e: Exception) -> Response:
+    return refusal(500, f"There is an error in resim: {type(e).__name__}. The server's output has more.")
+
+
+def _page(supervisor: Supervisor, page: Page) -> Callable[[Request], Response]:
+    def shown(request: Request) -> Response:
+        template, values = page(supervisor, request)
+        seal = supervisor.access.form_seal(request.state.session)
+        told = {"seal": seal, "path": request.url.path, "query": "", "fault": supervisor.worker.fault}
+        return HTMLResponse(rendered(template, **(told | values)))
+
+    return shown
+
+
+def _action(
+    supervisor: Supervisor, act: Callable[[Supervisor, Request], str]
+) -> Callable[[Request], Response]:
+    def done(request: Request) -> Response:
+        client = request.client.host if request.client else ""
+        note = partial(
+            supervisor.audit.note, request.state.session, client, request.url.path, request.state.form
+        )
+        note("asked")
+        try:
+            there = act(supervisor, request)
+        except ResimError as e:
+            note(f"refused: {e}")
+            raise
+        note(f"done: {there}")
+        return RedirectResponse(there, 303)
+
+    return done
+
+
+def _static(request: Request) -> Response:
+    if (found := _STATIC.get(request.path_params["name"])) is None:
+        raise HTTPException(404, "There is no such file.")
+    package, name, kind = found
+    return Response(files(package).joinpath(name).read_text("utf-8"), media_type=kind)
+
+
+def _sealed(supervisor: Supervisor) -> Callable[[Request], Response]:
+    """Send a browser to a document, under an address that is good for a while and needs no cookie."""
+
+    def found(request: Request) -> Response:
+        kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
+        find_document(views.folder_of(supervisor, kind, name), path)
+        seal = supervisor.access.page_seal(f"{kind}/{name}")
+        return RedirectResponse(str(request.url.replace(path=f"/pages/{seal}/{kind}/{name}/{path}")), 303)
+
+    return _missing(found)
+
+
+def _document(supervisor: Supervisor) -> Callable[[Request], Response]:
+    def found(request: Request) -> Response:
+        kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
+        if not supervisor.access.is_page_seal(f"{kind}/{name}", request.path_params["seal"]):
+            return refusal(403, "This address is no longer good. Open the page from its result again.")
+        document = find_document(views.folder_of(supervisor, kind, name), path)
+        headers = {
+            "content-security-policy": DOCUMENT_POLICY, "cross-origin-resource-policy": "cross-origin",
+            "cross-origin-opener-policy": "unsafe-none",
+            "referrer-policy": "no-referrer",
+        }  # fmt: skip
+        return FileResponse(document.path, media_type=document.type, headers=headers)
+
+    return _missing(found)
+
+
+def _missing(page: Callable[[Request], Response]) -> Callable[[Request], Response]:
+    """What is not there is no error of the server."""
+
+    def found(request: Request) -> Response:
+        try:
+            return page(request)
+        except InputError as e:
+            raise views.MissingError(str(e)) from e
+
+    return found
+
+
+def _events(supervisor: Supervisor) -> Callable[[Request], Any]:
+    async def opened(request: Request) -> Response:
+        query, log = request.query_params, None
+        if "task" in query:
+            task = await run_in_threadpool(views.task_of, supervisor, query["task"].replace("\0", ""))
+            log = Path(task.folder) / LOG
+        told = request.headers.get("last-event-id", query.get("from", "0"))
+        start = int(told) if told.isascii() and told.isdigit() and len(told) < 16 else 0
+        client = request.state.session
+        if not STREAMS.takes(client):
+            return refusal(429, "Too many pages are open. Close some of them.")
+
+        async def sent() -> AsyncIterator[bytes]:
+            try:
+                async for event in stream(supervisor, log, start):
+                    yield event
+            finally:
+                STREAMS.leave(client)
+
+        return StreamingResponse(sent(), media_type="text/event-stream", headers={"x-accel-buffering": "no"})
+
+    return opened

@@ -1,0 +1,113 @@
+"""Server-sent events: that something changed, and what is appended to a log."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from starlette.concurrency import run_in_threadpool
+
+from resim.core.errors import ResimError
+
+if TYPE_CHECKING:
+    from resim.supervisor.parts import Supervisor
+
+EVERY = 1.0
+"""s between two looks whether anything changed."""
+SCAN = 20.0
+"""s between two looks into the registered folders."""
+LOOK = 0.3
+"""s between two looks of a stream."""
+LIFE = 900.0
+"""s after which a stream ends; the browser opens another one."""
+SILENCE = 15.0
+"""s after which a stream says that it is there."""
+MOST_LOG = 200_000
+"""Bytes of a log that are sent at once; of a longer one the end is shown."""
+
+
+class Changes:
+    """A thread that looks for changes, for all streams together, and into the registered folders now and then.
+
+    Attributes:
+        count: Another number after every change.
+    """
+
+    def __init__(self, supervisor: Supervisor) -> None:
+        self._supervisor = supervisor
+        self.count = 0
+        self._seen: object = None
+        self._ending = threading.Event()
+        self._threads = [threading.Thread(target=t, daemon=True) for t in (self._watch, self._scan)]
+
+    def start(self) -> None:
+        """Begin."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End, also all streams."""
+        self._ending.set()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the server ends."""
+        return self._ending.is_set()
+
+    def _watch(self) -> None:
+        while not self._ending.wait(EVERY):
+            try:
+                s = self._supervisor
+                seen = (s.overview.version(), s.queue.version(), s.folders.version, s.worker.fault)
+            except ResimError as e:
+                seen = str(e)  # type: ignore[assignment]
+            if seen != self._seen:
+                self._seen = seen
+                self.count += 1
+
+    def _scan(self) -> None:
+        while not self._ending.is_set():
+            with suppress(OSError, ResimError):  # of folders that change while they are looked at
+                self._supervisor.folders.scan()
+                self._supervisor.folders.hash_recordings()
+            self._ending.wait(SCAN)
+
+
+async def stream(supervisor: Supervisor, log: Path | None, start: int) -> AsyncIterator[bytes]:
+    """Give events: `changed` after every change, and `log` with what was appended to a file from `start` on."""
+    changes, count = supervisor.changes, supervisor.changes.count
+    begin = told = time.monotonic()
+    yield b"retry: 2000\n\n"
+    while not changes.ended and time.monotonic() < begin + LIFE:
+        if log is not None:
+            text, start = await run_in_threadpool(read_log, log, start)
+            if text:
+                told = time.monotonic()
+                yield f"event: log\nid: {start}\ndata: {json.dumps(text)}\n\n".encode()
+        if changes.count != count:
+            count, told = changes.count, time.monotonic()
+            yield b"event: changed\ndata: {}\n\n"
+        if time.monotonic() > told + SILENCE:
+            told = time.monotonic()
+            yield b"event: tick\ndata: {}\n\n"
+        await asyncio.sleep(LOOK)
+
+
+def read_log(path: Path, start: int) -> tuple[str, int]:
+    """Give what stands in a log from a byte on, and where that ends; of a long rest the end."""
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, 2)
+            start = start if 0 <= start <= size else 0
+            file.seek(max(start, size - MOST_LOG))
+            found = file.read(MOST_LOG)
+            end = file.tell()
+    except OSError:
+        return "", start
+    return found.decode(errors="replace"), end

@@ -1,0 +1,207 @@
+"""What stands before all pages: hosts, origins, tokens, cookies, forms and limits are looked at here, and nowhere else.
+
+A page that a request reaches may rely on it: it comes from somebody who was let in, and a form from a page of ours.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qsl
+
+from starlette.datastructures import Headers, MutableHeaders, QueryParams
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from resim.supervisor.access import LIFE, Access
+from resim.supervisor.limits import RateLimit
+
+LARGEST_BODY = 64_000
+"""Bytes of a form."""
+MOST_FIELDS = 1_000
+SLOWEST = 10.0
+"""s within which a form has to be there."""
+LONGEST_ADDRESS = 4_000
+PAGES, STATIC = "/pages/", "/static/"
+"""Addresses that need no cookie: documents under a sealed address, and what all pages look like."""
+OWN_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+DOCUMENT_POLICY = "sandbox allow-scripts allow-popups allow-downloads; frame-ancestors 'none'"
+"""Of documents from folders, beside the policy that each has itself: their scripts run, but in an origin of their own,
+which gets no cookie and sends no form."""
+ALWAYS = {
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "same-origin",  # under no-referrer a browser does not say where a form comes from
+    "cross-origin-opener-policy": "same-origin",
+    "permissions-policy": "camera=(), microphone=(), geolocation=()",
+}
+
+
+ENTERED = (
+    '<!DOCTYPE html><html lang="en"><title>resim</title><link rel="icon" href="data:,">'
+    '<meta http-equiv="refresh" content="0; url=/">'
+    '<a href="/">To the dashboard</a></html>\n'
+)
+
+
+@dataclass(frozen=True)
+class Door:
+    """Under which addresses a server is reached. origins: such as http://127.0.0.1:8765. secure: by TLS."""
+
+    origins: tuple[str, ...]
+    secure: bool = False
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """What a browser says as Host."""
+        return tuple(origin.partition("://")[2] for origin in self.origins)
+
+
+class Guard:
+    """ASGI middleware that lets nothing by that is not right."""
+
+    def __init__(
+        self, app: ASGIApp, *, access: Access, door: Door, refuse: Callable[[int, str], Response]
+    ) -> None:
+        """refuse: gives the page of a status and a reason."""
+        self._app, self._access, self._door, self._refuse = app, access, door, refuse
+        self._rate, self._tries = RateLimit(100.0, 400.0), RateLimit(0.2, 10.0)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            await send({"type": "websocket.close", "code": 1008})
+            return
+        headers = Headers(scope=scope)
+        refused = self._look(scope, headers)
+        if refused is None and scope["method"] == "POST":
+            refused = await self._read_form(scope, headers, receive)
+        await (refused or self._app)(scope, receive, self._with_headers(scope, send))
+
+    def _look(self, scope: Scope, headers: Headers) -> Response | None:
+        """The answer to what goes no further."""
+        client, method = str((scope.get("client") or ("?",))[0]), scope["method"]
+        if len(headers.getlist("host")) != 1 or headers["host"] not in self._door.hosts:
+            return PlainTextResponse("This server has another name.\n", 421)
+        if not self._rate.allows(client):
+            return PlainTextResponse("Too many requests.\n", 429, {"retry-after": "5"})
+        if method not in ("GET", "HEAD", "POST"):
+            return PlainTextResponse("Not allowed.\n", 405, {"allow": "GET, HEAD, POST"})
+        raw = scope.get("raw_path", b"") + b"?" + scope.get("query_string", b"")
+        if len(raw) > LONGEST_ADDRESS:
+            return PlainTextResponse("The address is too long.\n", 414)
+        if any(c in scope["path"] for c in "\\\0\r\n") or any(p == ".." for p in scope["path"].split("/")):
+            return PlainTextResponse("There is no such page.\n", 404)
+        if scope["path"].startswith(STATIC) or scope["path"].startswith(PAGES):
+            return PlainTextResponse("Not allowed.\n", 405) if method == "POST" else None
+        if _is_foreign(headers, method):
+            return self._refuse(403, "This request came from another site.")
+        return self._let_in(scope, headers, client)
+
+    def _let_in(self, scope: Scope, headers: Headers, client: str) -> Response | None:
+        """Look at token and cookie."""
+        query = QueryParams(scope.get("query_string", b""))
+        if scope["path"] == "/" and "token" in query and scope["method"] == "GET":
+            if not self._tries.allows(client):
+                return PlainTextResponse("Too many tries.\n", 429, {"retry-after": "60"})
+            if not self._access.is_token(query["token"]):
+                return self._refuse(401, "This token is not the one of this server.")
+            return self._entered()
+        session = _cookie(headers, self._access.cookie)
+        if session is None or not self._access.is_session(session):
+            return self._refuse(401, "Open the address with the token that `resim serve` printed.")
+        scope.setdefault("state", {})["session"] = session
+        return None
+
+    def _entered(self) -> Response:
+        """Put a cookie into the browser, and send it to the same address without the token.
+
+        By a page, not by a redirect: after a link in another program, a redirect gets no strict cookie.
+        """
+        answer = HTMLResponse(ENTERED, headers={"referrer-policy": "no-referrer"})
+        answer.set_cookie(
+            self._access.cookie, self._access.new_session(), max_age=LIFE, httponly=True, samesite="strict",
+            secure=self._door.secure,
+        )  # fmt: skip
+        return answer
+
+    async def _read_form(self, scope: Scope, headers: Headers, receive: Receive) -> Response | None:
+        """Look where a form comes from, and read it."""
+        if headers.get("origin") not in self._door.origins:
+            return self._refuse(403, "This form came from another site.")
+        if headers.get("content-type", "").partition(";")[0].strip() != "application/x-www-form-urlencoded":
+            return PlainTextResponse("Forms are expected.\n", 415)
+        told = headers.get("content-length", "0")
+        if not told.isdigit() or int(told) > LARGEST_BODY:
+            return PlainTextResponse("The form is too large.\n", 413)
+        try:
+            body = await asyncio.wait_for(_body(receive), SLOWEST)
+            pairs = parse_qsl(body.decode("utf-8"), keep_blank_values=True, max_num_fields=MOST_FIELDS)
+        except TimeoutError:
+            return PlainTextResponse("The form came too slowly.\n", 408)
+        except OverflowError:
+            return PlainTextResponse("The form is too large.\n", 413)
+        except ValueError:
+            return PlainTextResponse("This is no form.\n", 400)
+        seals = [value for name, value in pairs if name == "seal"]
+        if len(seals) != 1 or not self._access.is_form_seal(scope["state"]["session"], seals[0]):
+            return self._refuse(
+                403, "This form is of another session. Go back, reload the page, and send it again."
+            )
+        scope["state"]["form"] = [(name, value) for name, value in pairs if name != "seal"]
+        return None
+
+    def _with_headers(self, scope: Scope, send: Send) -> Send:
+        """Send, with the headers that every answer has."""
+
+        async def told(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in ALWAYS.items():
+                    headers.setdefault(name, value)
+                headers.setdefault("content-security-policy", OWN_POLICY)
+                headers.setdefault("cross-origin-resource-policy", "same-origin")
+                headers.setdefault("cache-control", "no-store")
+            await send(message)
+
+        return told
+
+
+def _is_foreign(headers: Headers, method: str) -> bool:
+    """Whether the browser says that a page of somebody else asks: another port of this host is somebody else."""
+    site = headers.get("sec-fetch-site")
+    followed = method in ("GET", "HEAD") and headers.get("sec-fetch-mode") == "navigate"
+    return site in ("cross-site", "same-site") and not followed
+
+
+def _cookie(headers: Headers, name: str) -> str | None:
+    """The value of a cookie; None where it is not there, or there twice."""
+    try:
+        found = [SimpleCookie(told).get(name) for told in headers.getlist("cookie")]
+    except CookieError:
+        return None
+    values = [one.value for one in found if one is not None]
+    return values[0] if len(values) == 1 else None
+
+
+async def _body(receive: Receive) -> bytes:
+    """Read a body. Raises OverflowError for one that is too large, ValueError where it breaks off."""
+    parts, size = [], 0
+    while True:
+        message = await receive()
+        if message["type"] != "http.request":
+            raise ValueError("the client is gone")
+        parts.append(message.get("body", b""))
+        size += len(parts[-1])
+        if size > LARGEST_BODY:
+            raise OverflowError
+        if not message.get("more_body"):
+            return b"".join(parts)

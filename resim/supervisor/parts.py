@@ -1,0 +1,63 @@
+"""What all pages work with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from resim.core.errors import InputError
+from resim.results.catalog import Catalog
+from resim.results.overview import CatalogOverview
+from resim.results.queue import TaskQueue
+from resim.supervisor.access import Access
+from resim.supervisor.audit import AuditTrail
+from resim.supervisor.events import Changes
+from resim.supervisor.experiments import Experiments
+from resim.supervisor.forms import JobForm
+from resim.supervisor.guard import Door
+from resim.supervisor.places import RegisteredFolders
+from resim.supervisor.worker import Worker
+
+
+@dataclass(frozen=True)
+class SupervisorSettings:
+    """What a Supervisor is made of.
+
+    forms: of all jobs that may be started. tasks: folder of the logs and results of tasks. audit: file that tells who
+    did what. jobs: tasks at once.
+    """
+
+    catalog: Catalog
+    forms: tuple[JobForm, ...]
+    folders: RegisteredFolders
+    tasks: Path
+    access: Access
+    door: Door
+    audit: Path
+    jobs: int = 1
+
+
+class Supervisor:
+    """What pages read and change: results, tasks, registered files."""
+
+    def __init__(self, settings: SupervisorSettings) -> None:
+        self.settings = settings
+        self.catalog, self.folders, self.access = settings.catalog, settings.folders, settings.access
+        self.overview = CatalogOverview(settings.catalog)
+        self.queue = TaskQueue(settings.catalog)
+        self.worker = Worker(self.queue, settings.jobs)
+        self.experiments = Experiments(self.overview, self.queue, self.folders)
+        self.changes = Changes(self)
+        self.audit = AuditTrail(settings.audit)
+
+    @cached_property
+    def forms(self) -> dict[str, JobForm]:
+        """All forms by name."""
+        return {form.name: form for form in self.settings.forms}
+
+    def form(self, name: str) -> JobForm:
+        """Give a form. Raises InputError where there is none of this name."""
+        if name not in self.forms:
+            raise InputError(f"{name:.40}", "is no job that can be started here")
+        return self.forms[name]

@@ -1,0 +1,54 @@
+"""Processes that outlive who started them, told from later ones of the same number by when they began."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+CLOSE = 0.05
+"""s by which two readings of the start of one process may differ."""
+
+
+def process_name(number: int | None = None) -> str:
+    """Give a name of a process that no other one of this machine has: its number and when it began."""
+    number = os.getpid() if number is None else number
+    return f"{number}@{psutil.Process(number).create_time():.3f}"
+
+
+def is_alive(name: str) -> bool:
+    """Say whether the process of this name still runs; what has ended and waits to be noticed does not."""
+    number, _, began = name.partition("@")
+    try:
+        process = psutil.Process(int(number))
+        same = abs(process.create_time() - float(began)) < CLOSE
+        return bool(same and process.status() != psutil.STATUS_ZOMBIE)
+    except (psutil.Error, ValueError):
+        return False
+
+
+def number_of(name: str) -> int:
+    """Give the number of a process."""
+    return int(name.partition("@")[0])
+
+
+def write_whole(path: Path, told: dict[str, Any]) -> None:
+    """Write a JSON file whole or not at all."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.new")
+    with beside.open("w", encoding="utf-8") as file:
+        json.dump(told, file)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)
+
+
+def read_whole(path: Path) -> dict[str, Any]:
+    """Read such a file; {} where it is not there, or is none."""
+    try:
+        found = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

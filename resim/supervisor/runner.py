@@ -1,0 +1,77 @@
+"""The process that does one attempt of a task, and notes how it ended: `python -m resim.supervisor.runner FOLDER`.
+
+It is a session of its own, so that a server that is killed leaves it alone, and the next server finds it again. Of all
+that are started for one task, one at a time works, and each attempt is made once: a lock and a number, both in the
+task's folder, see to that, whatever servers believe.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from resim.supervisor.processes import process_name, read_whole, write_whole
+
+LOG, TASK_FILE, BEGUN, EXIT, LOCK = "log.txt", "task.json", "begun.json", "exit.json", "lock"
+PATIENCE = 10.0
+"""s that a command has to end after it was asked to."""
+_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG of Linux."""
+
+
+def run(folder: Path) -> int:
+    """Do the attempt that task.json tells of. Gives 0 where it was made, 75 where another process makes it or did."""
+    lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # gone with the process, however it ends
+    except BlockingIOError:
+        return 75
+    told = read_whole(folder / TASK_FILE)
+    attempt = int(told["attempt"])
+    if int(read_whole(folder / BEGUN).get("attempt", 0)) >= attempt:
+        return 75
+    write_whole(folder / BEGUN, {"attempt": attempt, "process": process_name(), "began": time.time()})
+    code = _call(folder, told["words"], attempt)
+    write_whole(folder / EXIT, {"attempt": attempt, "code": code, "ended": time.time()})
+    return 0
+
+
+def _call(folder: Path, words: list[str], attempt: int) -> int:
+    """Call the command, with all that it prints in the log, and give its exit code."""
+    stopped: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, lambda signalled, frame: stopped.append(signalled))
+    with (folder / LOG).open("ab", buffering=0) as log:
+        again = f" (attempt {attempt})" if attempt > 1 else ""
+        log.write(f"$ resim {' '.join(words)}{again}\n".encode(errors="replace"))
+        command = [sys.executable, "-P", "-m", "resim", *words]
+        child = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=folder, preexec_fn=_end_with_parent
+        )
+        asked = 0.0
+        while True:
+            try:
+                return child.wait(0.2)
+            except subprocess.TimeoutExpired:
+                now = time.monotonic()
+            if stopped and not asked:
+                asked = now
+                child.terminate()
+            elif asked and now > asked + PATIENCE:
+                child.kill()
+
+
+def _end_with_parent() -> None:
+    """In the command, before it begins: it is killed where this process is, and a new attempt finds nobody at work."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_WITH_PARENT, signal.SIGKILL, 0, 0, 0)
+
+
+if __name__ == "__main__":
+    sys.exit(run(Path(sys.argv[1])))

@@ -1,0 +1,152 @@
+"""Serves the pages: the socket, the address with the token, the browser."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import socket
+import ssl
+import threading
+import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import uvicorn
+
+from resim.core.errors import InputError
+from resim.results.catalog import Catalog
+from resim.supervisor.access import Access, kept_key
+from resim.supervisor.app import make_app
+from resim.supervisor.forms import JobForm
+from resim.supervisor.guard import Door
+from resim.supervisor.parts import Supervisor, SupervisorSettings
+from resim.supervisor.places import RegisteredFolders
+
+MOST_CONNECTIONS = 300
+OPENED = "open.html"
+"""File that sends a browser to the address: no other user sees the token in the list of processes."""
+
+
+@dataclass(frozen=True)
+class ServeOptions:
+    """How to serve.
+
+    folders: registered ones. host, port: where to listen. tasks: folder of logs and results. jobs: tasks at once.
+    remote: under which address other machines may reach it, such as https://resim.example.org; "" where they may not.
+    certificate: file of TLS, with its key; None where a proxy does that, or nobody else comes.
+    """
+
+    folders: tuple[Path, ...]
+    host: str
+    port: int
+    tasks: Path
+    jobs: int = 1
+    remote: str = ""
+    certificate: Path | None = None
+
+
+def check_options(options: ServeOptions) -> None:
+    """Refuse what would let others in unseen. Raises InputError."""
+    local = _is_loopback(options.host)
+    if not local and not options.remote:
+        problem = f"{options.host!r} can be reached from other machines, and who gets in may run code here"
+        raise InputError(
+            "--host", problem, "Keep 127.0.0.1, or read docs/guides/supervisor.md on --allow-remote."
+        )
+    if options.remote:
+        told = urlsplit(options.remote)
+        if told.scheme != "https" or not told.netloc or told.path not in ("", "/") or "@" in told.netloc:
+            problem = f"{options.remote!r} is not the https:// address under which browsers reach it"
+            raise InputError("--allow-remote", problem, "Give one such as https://resim.example.org.")
+    if options.certificate is not None:
+        try:
+            ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(options.certificate)
+        except OSError as e:  # of which those of TLS are
+            problem = f"cannot be used ({e.strerror or e})"
+            raise InputError(
+                options.certificate, problem, "Give a PEM file with the certificate and its key."
+            ) from e
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def serve(
+    options: ServeOptions,
+    catalog: Catalog,
+    forms: tuple[JobForm, ...],
+    data: Path,
+    ready: Callable[[str, Path], None],
+) -> None:
+    """Serve until somebody ends it. Tasks that run go on: the next server finds them.
+
+    data: folder of the key. ready: hears the address with the token, and of a page that leads there, once somebody
+    may come. Raises InputError for what cannot be used.
+    """
+    check_options(options)
+    folders = RegisteredFolders(options.folders)
+    with _bound(options.host, options.port) as listening:
+        port = listening.getsockname()[1]
+        door = _door(options, port)
+        access = Access(kept_key(data / "serve.key"), port)
+        tasks = Path(os.path.realpath(options.tasks))
+        tasks.mkdir(parents=True, exist_ok=True)
+        audit = data / "audit.jsonl"
+        parts = SupervisorSettings(catalog, forms, folders, tasks, access, door, audit, options.jobs)
+        supervisor = Supervisor(parts)
+        supervisor.overview.version()  # a catalog that cannot be used is told of now
+        config = uvicorn.Config(
+            make_app(supervisor), log_level="warning", access_log=False, server_header=False, proxy_headers=False,
+            limit_concurrency=MOST_CONNECTIONS, timeout_keep_alive=10, timeout_graceful_shutdown=3, ws="none",
+            h11_max_incomplete_event_size=16_000, ssl_certfile=options.certificate,
+        )  # fmt: skip
+        address = f"{door.origins[0]}/?token={access.token}"
+        page = data / OPENED
+        _write_page(page, address)
+        try:
+            ready(address, page)
+            uvicorn.Server(config).run(sockets=[listening])
+        finally:
+            page.unlink(missing_ok=True)
+
+
+def open_browser(page: Path) -> None:
+    """Open a page in the user's browser, in a while and without waiting for it."""
+    timer = threading.Timer(0.8, webbrowser.open, [page.as_uri()])
+    timer.daemon = True
+    timer.start()
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        return socket.create_server((host, port), family=family)
+    except (OSError, OverflowError) as e:
+        reason = os.strerror(number) if (number := getattr(e, "errno", None)) else str(e)
+        raise InputError(f"{host}:{port}", f"cannot be listened on ({reason})", "Give another --port.") from e
+
+
+def _door(options: ServeOptions, port: int) -> Door:
+    if options.remote:
+        return Door((options.remote.rstrip("/"),), secure=True)
+    scheme = "http" if options.certificate is None else "https"
+    names = dict.fromkeys(
+        (f"[{options.host}]" if ":" in options.host else options.host, "127.0.0.1", "localhost")
+    )
+    return Door(tuple(f"{scheme}://{name}:{port}" for name in names), secure=scheme == "https")
+
+
+def _write_page(page: Path, address: str) -> None:
+    """Write the page that leads to the address, for this user alone."""
+    page.unlink(missing_ok=True)
+    file = os.open(page, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(file, "w", encoding="utf-8") as out:
+        out.write(
+            f'<!DOCTYPE html><title>resim</title><meta http-equiv="refresh" content="0; url={address}">\n'
+        )

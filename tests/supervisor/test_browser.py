@@ -1,0 +1,126 @@
+"""The Supervisor in Chromium, by use: start a job, watch its log, open its page, lose the server, find it again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browsed import chromium, too_faint
+from supervised import waited
+
+from resim.supervisor.processes import is_alive, read_whole
+
+ROOT = Path(__file__).parents[2]
+PAGES = ("/", "/experiments", "/builds", "/results", "/jobs", "/jobs/run", "/tasks", "/search?text=cut")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def opened(browser: Any, served: Callable[..., Any]) -> Iterator[Callable[..., Any]]:
+    """Open a page of a browser that was let in; fails at the end where one complained, or wanted anything elsewhere."""
+    faults: list[str] = []
+    contexts = []
+
+    def enter(address: str, token: str, **look: Any) -> Any:
+        context = browser.new_context(**look)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on(
+            "console", lambda m: "net::ERR_" in m.text or faults.append(m.text)
+        )  # of a server that was killed
+        page.on("request", lambda r: r.url.startswith((address, "data:")) or faults.append(r.url))
+        page.goto(f"{address}/?token={token}")
+        page.wait_for_selector("main")
+        assert page.url == f"{address}/"
+        return page
+
+    yield enter
+    for context in contexts:
+        context.close()
+    assert not faults
+
+
+def test_pages_fit_and_can_be_read(opened: Callable[..., Any], served: Callable[..., Any]) -> None:
+    _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
+    for width, dark in ((400, True), (2560, True), (1280, False)):
+        look = {"viewport": {"width": width, "height": 900}, "color_scheme": "dark" if dark else "light"}
+        page = opened(address, token, **look)
+        for path in PAGES:
+            page.goto(address + path, wait_until="domcontentloaded")
+            over = page.evaluate(
+                "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+            )
+            assert over <= 0, (path, width)
+            assert width == 2560 or too_faint(page) == [], (path, width)
+            assert page.locator("h1").count() == 1
+    page.keyboard.press("/")
+    page.keyboard.type("cut_in_brake")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/search?text=cut_in_brake")
+    page.click("main a:text-is('cut_in_brake')")
+    page.wait_for_url("**/experiments/*")
+    page.click("main a:text-is('run')")
+    assert page.locator("#f-recording option:checked").inner_text().startswith("cut_in_brake")
+
+
+def test_a_job_is_started_watched_and_found_again(
+    opened: Callable[..., Any], served: Callable[..., Any]
+) -> None:
+    server, address, token = served(ROOT / "scenarios")
+    page = opened(address, token)
+    page.goto(f"{address}/jobs/play")
+    page.select_option("#f-drives", label="cut_in_brake – scenarios")
+    page.click("text=Start >> nth=-1")
+    page.wait_for_url("**/tasks/*")
+    task = page.url
+    page.locator("#log", has_text="player:").wait_for()  # as it is written
+    page.locator(".badge", has_text="done").wait_for()
+    with page.context.expect_page() as found:
+        page.click("a:text-is('play.html')")
+    player = found.value
+    player.wait_for_selector("#player")
+    assert player.title() == "cut_in_brake · player"
+    assert player.evaluate("self.origin") == "null"  # what a document does, it does not do as this user
+    assert player.evaluate("(() => { try { return document.cookie; } catch { return 'none'; } })()") == "none"
+    player.close()
+    page.locator("#connection", has_text="live").wait_for()
+    port = address.rpartition(":")[2]
+    server.kill()
+    server.wait()
+    command = ["--port", port]
+    _, again, _ = served(*command)
+    assert again == address
+    page.goto(task)  # the cookie is good for the next server, too
+    page.locator(".badge", has_text="done").wait_for()
+    assert "player:" in page.inner_text("#log")
+
+
+def test_a_task_is_cancelled_by_one_and_seen_by_another(
+    opened: Callable[..., Any], served: Callable[..., Any], tmp_path: Path
+) -> None:
+    _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
+    one, other = opened(address, token), opened(address, token)
+    one.goto(f"{address}/jobs/verify")
+    one.select_option("#f-suite", label="highway – scenarios/suites")
+    one.select_option("#f-build", label="highway_pilot-1.0 – adfunc/builds")
+    other.goto(f"{address}/tasks")
+    one.click("text=Start >> nth=-1")
+    one.wait_for_url("**/tasks/*")
+    other.locator("td .badge", has_text="running").wait_for()
+    one.click("button:has-text('Cancel')")
+    other.locator("td .badge", has_text="cancelled").wait_for()
+    other.click("button:has-text('Repeat')")
+    one.locator(".badge", has_text="running").wait_for()
+    other.locator("button:has-text('Cancel')").click()
+    one.locator(".badge", has_text="cancelled").wait_for()
+    begun = [read_whole(path) for path in (tmp_path / "tasks").glob("*/begun.json")]
+    assert [b["attempt"] for b in begun] == [2]
+    waited(lambda: not is_alive(begun[0]["process"]))

@@ -1,0 +1,229 @@
+"""Nobody is let in who should not be: tokens, hosts, origins, forms, paths, sizes, rates."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from resim.core.errors import InputError
+from resim.supervisor.access import Access, kept_key
+from resim.supervisor.limits import RateLimit, StreamLimit
+
+ORIGIN = "http://127.0.0.1:8765"
+SECRET = "Dashboard"
+
+
+def test_the_token_lets_in_once_and_a_cookie_from_then_on(supervisor: Any, client: Any) -> None:
+    assert client.get("/").status_code == 401
+    answer = client.get("/", params={"token": supervisor.access.token})
+    assert answer.status_code == 200
+    assert SECRET not in answer.text  # another page, whose address has no token
+    cookie = answer.headers["set-cookie"]
+    assert all(word in cookie for word in ("HttpOnly", "SameSite=strict", "Path=/"))
+    assert supervisor.access.token not in cookie
+    page = client.get("/")
+    assert page.status_code == 200
+    assert SECRET in page.text
+    assert supervisor.access.token not in page.text
+
+
+def test_every_answer_forbids_what_a_page_needs_not(user: Any, client: Any) -> None:
+    for answer in (
+        user.get("/"),
+        user.get("/nothing"),
+        client.get("/static/page.css"),
+        user.get("/jobs/run"),
+    ):
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert "unsafe" not in policy
+        assert answer.headers["x-frame-options"] == "DENY"
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert answer.headers["referrer-policy"] == "same-origin"
+        assert "access-control-allow-origin" not in answer.headers
+
+
+def test_pages_have_no_script_and_no_style_in_them(user: Any) -> None:
+    for path in (
+        "/",
+        "/experiments",
+        "/builds",
+        "/results",
+        "/jobs",
+        "/jobs/run",
+        "/tasks",
+        "/search?text=cut",
+    ):
+        text = user.get(path).text
+        assert "<script>" not in text
+        assert "<style" not in text
+        assert " style=" not in text
+        assert " onclick" not in text
+
+
+@pytest.mark.parametrize(
+    "token", ["", "x", "0" * 32, "é" * 20, "%00", "\ud800".encode("utf-8", "replace").decode(), "a" * 3000]
+)
+def test_a_wrong_token_lets_nobody_in(client: Any, token: str) -> None:
+    answer = client.get("/", params={"token": token})
+    assert answer.status_code == 401
+    assert "set-cookie" not in answer.headers
+    assert client.get("/").status_code == 401
+
+
+def test_tokens_are_not_guessed_fast(client: Any) -> None:
+    found = [client.get("/", params={"token": f"guess{k}"}).status_code for k in range(14)]
+    assert found[:5] == [401] * 5
+    assert 429 in found
+
+
+@pytest.mark.parametrize(
+    "cookie",
+    [
+        "", "x", "9999999999.abc.def", "9999999999..", ".", "1.0123456789abcdef.{seal}", "{good}0", "{good} ",
+        "x{good}", "{late}", "é.é.é",
+    ],
+)  # fmt: skip
+def test_a_wrong_cookie_lets_nobody_in(supervisor: Any, client: Any, cookie: str) -> None:
+    access = supervisor.access
+    good = access.new_session()
+    late = f"1000000000.{'0' * 16}"
+    told = cookie.format(
+        good=good, seal=access._seal("session", "x"), late=f"{late}.{access._seal('session', late)}"
+    )
+    headers = {"cookie": f"resim_8765={told}".encode()}
+    assert client.get("/", headers=headers).status_code == (200 if told.strip() == good else 401)
+
+
+def test_a_cookie_of_another_key_or_twice_lets_nobody_in(supervisor: Any, client: Any) -> None:
+    other = Access(b"o" * 32, 8765).new_session()
+    assert client.get("/", headers={"cookie": f"resim_8765={other}"}).status_code == 401
+    good = supervisor.access.new_session()
+    both = [("cookie", f"resim_8765={good}"), ("cookie", f"resim_8765={other}")]
+    assert client.get("/", headers=both).status_code == 401
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["evil.example", "evil.example:8765", "127.0.0.1", "127.0.0.1:1", "127.0.0.1:8765.evil.example", ""],
+)
+def test_another_name_of_the_host_is_refused(user: Any, host: str) -> None:
+    assert user.get("/", headers={"host": host}).status_code == 421
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        None,
+        "null",
+        "http://evil.example",
+        "http://127.0.0.1:9999",
+        "https://127.0.0.1:8765",
+        f"{ORIGIN}/",
+        "",
+    ],
+)
+def test_forms_of_other_pages_are_refused(supervisor: Any, user: Any, seal: str, origin: str | None) -> None:
+    headers = {} if origin is None else {"origin": origin}
+    answer = user.post("/jobs/check", data={"seal": seal}, headers=headers)
+    assert answer.status_code == 403
+    assert supervisor.queue.counts() == {}
+
+
+@pytest.mark.parametrize("given", ["", "x", "{other}"])
+def test_forms_without_the_seal_of_the_session_are_refused(supervisor: Any, user: Any, given: str) -> None:
+    other = supervisor.access.form_seal(supervisor.access.new_session())
+    data = {"seal": given.format(other=other)}
+    assert user.post("/jobs/check", data=data, headers={"origin": ORIGIN}).status_code == 403
+    assert user.post("/jobs/check", headers={"origin": ORIGIN}).status_code in (403, 415)
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_scripts_of_other_sites_and_ports_read_nothing(user: Any, site: str) -> None:
+    headers = {"sec-fetch-site": site, "sec-fetch-mode": "cors"}
+    assert user.get("/tasks", headers=headers).status_code == 403
+    assert user.get("/events", headers=headers).status_code == 403
+    assert user.get("/tasks", headers={**headers, "sec-fetch-mode": "navigate"}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("PUT", "/tasks", 405), ("DELETE", "/results/abc", 405), ("OPTIONS", "/", 405), ("TRACE", "/", 405),
+        ("POST", "/static/page.css", 405), ("GET", "/x" * 3000, 414), ("GET", "/static/../app.py", 404),
+        ("GET", "/static/..%2fapp.py", 404), ("GET", "/static/supervisor.css%00", 404), ("GET", "/static/a\\b", 404),
+        ("GET", "/tasks/%2e%2e", 404), ("GET", "/tasks/' OR 1=1 --", 404), ("GET", "/results/%25", 404),
+        ("GET", "/experiments/x", 404), ("GET", "/builds/x", 404), ("GET", "/jobs/serve", 404),
+        ("GET", "/open/results/0123456789abcdef/report.html", 404), ("GET", "/open/folders/x/report.html", 404),
+        ("GET", "/builds/compare?one=x&other=y", 404), ("GET", "/events?task=nothing", 404),
+    ],
+)  # fmt: skip
+def test_odd_requests_are_refused(user: Any, method: str, path: str, status: int) -> None:
+    assert user.request(method, path, headers={"origin": ORIGIN}).status_code == status
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "status"),
+    [
+        ("application/x-www-form-urlencoded", b"a" * 70_000, 413),
+        ("application/x-www-form-urlencoded", b"&".join([b"a=b"] * 2000), 400),
+        ("application/x-www-form-urlencoded", b"\xff\xfe=1", 400),
+        ("application/json", b"{}", 415),
+        ("multipart/form-data; boundary=x", b"--x--", 415),
+        ("text/plain", b"seal=1", 415),
+    ],
+)
+def test_odd_bodies_are_refused(user: Any, kind: str, body: bytes, status: int) -> None:
+    headers = {"origin": ORIGIN, "content-type": kind}
+    assert user.post("/jobs/check", content=body, headers=headers).status_code == status
+
+
+def test_a_body_that_does_not_say_its_size_is_cut_off(user: Any) -> None:
+    headers = {"origin": ORIGIN, "content-type": "application/x-www-form-urlencoded"}
+    parts = (b"a" * 10_000 for _ in range(10))
+    assert user.post("/jobs/check", content=parts, headers=headers).status_code == 413
+
+
+@pytest.mark.parametrize("name", ["'><script>alert(1)</script>", "</title><b>x", '" onfocus="x'])
+def test_what_is_searched_for_is_never_markup(user: Any, name: str) -> None:
+    for path in ("/search", "/results", "/experiments", "/builds"):
+        text = user.get(path, params={"text": name, "state": name, "kind": name, "verdict": name}).text
+        assert name not in text
+    assert "Search: {{7*7}}" in user.get("/search", params={"text": "{{7*7}}"}).text
+
+
+def test_too_many_requests_and_streams_are_refused() -> None:
+    rate = RateLimit(each=0.001, burst=3.0)
+    assert [rate.allows("a") for _ in range(5)] == [True] * 3 + [False] * 2
+    assert rate.allows("b")
+    streams = StreamLimit(each=2, most=3)
+    assert [streams.takes(c) for c in "aaabb"] == [True, True, False, True, False]
+    streams.leave("a")
+    assert streams.takes("b")
+    assert not streams.takes("c")
+
+
+def test_the_key_is_the_users_alone(tmp_path: Path) -> None:
+    path = tmp_path / "data" / "serve.key"
+    key = kept_key(path)
+    assert kept_key(path) == key
+    assert len(key) == 32
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    path.chmod(0o644)
+    with pytest.raises(InputError, match="may be read by other users"):
+        kept_key(path)
+    path.unlink()
+    path.write_bytes(b"short")
+    path.chmod(0o600)
+    with pytest.raises(InputError, match="has 5 bytes"):
+        kept_key(path)
+
+
+def test_a_cookie_outlives_its_server_where_the_key_is_kept() -> None:
+    before, after = Access(b"k" * 32, 8765), Access(b"k" * 32, 8765)
+    assert after.is_session(before.new_session())
+    assert not after.is_token(before.token)

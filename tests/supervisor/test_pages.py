@@ -1,0 +1,320 @@
+"""What pages show: results and their documents, drives and what is missing, builds side by side, places."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from resim.recordings.content import content_hash
+from resim.results.catalog import Catalog
+from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
+from resim.results.queue import new_id
+from resim.supervisor.documents import find_document
+from resim.supervisor.places import RegisteredFolders
+from resim.supervisor.words import size, tone
+
+ROOT = Path(__file__).parents[2]
+DRIVE = ROOT / "scenarios" / "cut_in_brake"
+EVIL = "<script>alert(1)</script>"
+HASH = content_hash(DRIVE)
+
+
+def entry(name: str = "cut_in_brake", day: int = 1, **more: Any) -> CatalogEntry:
+    told: dict[str, Any] = {
+        "kind": "run", "folder": Path("/results") / f"{name}-{day}", "host": "cluster", "digest": f"{day:064x}",
+        "verdict": "FAIL", "counts": {"PASS": 1, "FAIL": 1},
+        "inputs": (CatalogInput("recording", name, "", HASH), CatalogInput("build", "pilot-1.0", "", "ab" * 32)),
+        "outcomes": (
+            CatalogOutcome(name, "pilot-1.0", "GT", "PASS"),
+            CatalogOutcome(name, "pilot-1.0", "rGT", "FAIL", "distance"),
+            CatalogOutcome(name, "pilot-1.0", "rSD", "INVALID"),
+        ),
+    } | more  # fmt: skip
+    return CatalogEntry(name=name, written=f"2026-11-{day:02}T05:00:00.000+00:00", resim="0.1.0", **told)
+
+
+def build(label: str, digest: str, day: int, verdicts: dict[str, str]) -> CatalogEntry:
+    inputs = [CatalogInput("recording", name, "", f"{name:0>64}") for name in verdicts]
+    return entry(
+        "suite", day, kind="verification", inputs=(*inputs, CatalogInput("build", label, "", digest)),
+        outcomes=tuple(CatalogOutcome(name, label, verdict=v) for name, v in verdicts.items()),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def known(catalog: str) -> Catalog:
+    return Catalog(catalog)
+
+
+def cells(text: str, name: str) -> list[tuple[str, str]]:
+    """State and words of the cells of a drive."""
+    rows = next(part for part in text.split("<tbody>") if f">{name}</a>" in part)
+    return re.findall(r'class="cell (\w+)">(?:<a[^>]*>)?([^<]*)', rows)
+
+
+def test_empty_pages_say_what_to_do(user: Any) -> None:
+    assert "resim runs add FOLDER" in user.get("/").text
+    assert 'href="/jobs"' in user.get("/results").text
+    assert 'href="/jobs/verify"' in user.get("/builds").text
+    assert user.get("/tasks").text.count("Nothing") == 2
+    assert "No recording fits" in user.get("/experiments?text=nothing here").text
+
+
+def test_results_are_listed_filtered_and_paged(user: Any, known: Catalog) -> None:
+    for day in range(1, 29):
+        for k in range(2):
+            known.add(entry("drive", day, digest=f"{day}{k}", verdict="PASS" if k else "FAIL"))
+    page = user.get("/results").text
+    assert "1 to 50 of 56 results" in page
+    link = re.search(r'href="([^"]+)" rel="next"', page)
+    assert link is not None
+    assert "51 to 56 of 56 results" in user.get(link[1].replace("&amp;", "&")).text
+    assert "1 to 28 of 28 results" in user.get("/results?verdict=PASS&kind=run&text=pilot").text
+    assert "No result fits" in user.get("/results?kind=sweep").text
+    assert "No result fits" in user.get("/results?text=100%25").text
+
+
+def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
+    supervisor: Any, user: Any, known: Catalog
+) -> None:
+    assert cells(user.get("/experiments").text, "cut_in_brake")[0] == ("unknown", "being read")
+    supervisor.folders.hash_recordings()
+    nothing = cells(user.get("/experiments").text, "cut_in_brake")
+    assert nothing == [
+        ("done", "there"), ("missing", "not yet"), ("missing", "not yet"), ("missing", "not yet"),
+        ("done", "there"), ("missing", "not yet"), ("missing", "not yet"),
+    ]  # fmt: skip
+    known.add(entry())
+    told = cells(user.get("/experiments?text=cut_in_brake").text, "cut_in_brake")
+    assert told == [
+        ("done", "there"), ("good", "PASS"), ("bad", "FAIL"), ("missing", "not yet"),
+        ("done", "there"), ("missing", "not yet"), ("unsure", "INVALID"),
+    ]  # fmt: skip
+    (drive,) = [f for f in supervisor.folders.all("recording") if f.name == "cut_in_brake"]
+    name = new_id()
+    supervisor.queue.add(name, "run", ("run", "--", str(drive.path)), f"/tasks/{name}")
+    assert cells(user.get("/experiments?state=waiting").text, "cut_in_brake")[2] == ("waiting", "waiting")
+    task = supervisor.queue.claim("me")
+    assert cells(user.get("/experiments?state=running").text, "cut_in_brake")[2] == ("running", "running")
+    assert supervisor.queue.end(task, "failed", code=2, told="broken map")
+    assert cells(user.get("/experiments").text, "cut_in_brake")[2] == ("bad", "error")
+    page = user.get(f"/experiments/{drive.id}").text
+    assert HASH[:16] in page
+    assert f'href="/jobs/run?recording={drive.id}"' in page
+    assert "broken map" in user.get("/").text
+
+
+def test_a_result_of_other_content_is_not_taken_for_one_of_this_drive(
+    supervisor: Any, user: Any, known: Catalog
+) -> None:
+    supervisor.folders.hash_recordings()
+    known.add(entry(inputs=(CatalogInput("recording", "cut_in_brake", "/other", "cd" * 32),)))
+    text = user.get("/experiments?text=cut_in_brake").text
+    assert "1 to 2 of 2 recordings" in text
+    assert {state for state, _ in cells(text.replace("/other", ""), "cut_in_brake")} & {
+        "bad",
+        "good",
+        "missing",
+    }
+    registered = text[text.index("/experiments/" + supervisor.folders.all("recording")[0].id) :]
+    assert "not yet" in registered.partition("</tbody>")[0]
+
+
+def test_two_builds_stand_side_by_side_the_worst_first(user: Any, known: Catalog) -> None:
+    known.add(
+        build("pilot-1.0", "aa" * 32, 1, {"a": "verified", "b": "not verified", "c": "verified", "d": ""})
+    )
+    known.add(
+        build(
+            "pilot-1.1",
+            "bb" * 32,
+            2,
+            {"a": "verified", "b": "verified", "c": "not verified", "d": "verified"},
+        )
+    )
+    ids = re.findall(r'name="one" value="(\w+)"', user.get("/builds").text)
+    assert len(ids) == 2
+    text = user.get("/builds/compare", params={"one": ids[0], "other": ids[1]}).text
+    rows = re.findall(r"<tr><th>(\w)</th>.*?>([\w ]+)</span></td></tr>", text, re.DOTALL)
+    assert rows == [("c", "worse"), ("d", "not known"), ("a", "same"), ("b", "better")]
+    page = user.get(f"/builds/{ids[0]}").text
+    assert "pilot-1.0" in page
+    assert "1 results" in page or "<dd>1</dd>" in page
+
+
+def test_names_of_others_are_never_markup(supervisor: Any, user: Any, known: Catalog) -> None:
+    label, one = f"pilot{EVIL}", entry(EVIL)
+    hostile = entry(
+        EVIL, 2, verdict=EVIL, counts={EVIL: 1}, inputs=(*one.inputs, CatalogInput("build", label, EVIL, EVIL)),
+        outcomes=(CatalogOutcome(EVIL, label, EVIL, EVIL, EVIL),), folder=Path("/results") / EVIL, host=EVIL,
+    )  # fmt: skip
+    known.add(hostile)
+    name = new_id()
+    supervisor.queue.add(name, EVIL, (EVIL, f"/x/{EVIL}"), f"/tasks/{EVIL}")
+    supervisor.queue.end(supervisor.queue.claim("me"), "failed", told=EVIL)
+    pages = ["/", "/results", f"/results/{hostile.id}", "/builds", "/experiments", "/tasks", f"/tasks/{name}"]
+    builds = re.findall(r'name="one" value="(\w+)"', user.get("/builds").text)
+    pages += [f"/builds/{b}" for b in builds] + [
+        f"/search?text={EVIL}",
+        f"/builds/compare?one={builds[0]}&other={builds[1]}",
+    ]
+    for page in pages:
+        answer = user.get(page)
+        assert answer.status_code == 200, page
+        assert EVIL not in answer.text, page
+    assert "&lt;script&gt;" in user.get("/results").text
+
+
+def test_documents_open_in_an_origin_of_their_own(
+    user: Any, client: Any, known: Catalog, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    (folder / "reports").mkdir(parents=True)
+    (folder / "report.html").write_text(f"<p>{EVIL}")
+    (folder / "reports" / "a.html").write_text("a")
+    (folder / "run.json").write_text("{}")
+    one = entry(folder=folder, host=platform.node())
+    known.add(one)
+    page = user.get(f"/results/{one.id}").text
+    assert f'href="/open/results/{one.id}/report.html"' in page
+    answer = user.get(f"/open/results/{one.id}/report.html")
+    assert answer.status_code == 303
+    client.cookies.clear()
+    document = client.get(answer.headers["location"])
+    assert document.status_code == 200
+    assert EVIL in document.text
+    policy = document.headers["content-security-policy"]
+    assert policy.startswith("sandbox allow-scripts")
+    assert "allow-same-origin" not in policy
+    beside = answer.headers["location"].replace("report.html", "reports/a.html")
+    assert client.get(beside).text == "a"
+    assert client.get(answer.headers["location"].replace(one.id, entry(day=2).id)).status_code in (403, 404)
+    assert client.get(re.sub(r"/pages/\d", "/pages/9", answer.headers["location"])).status_code == 403
+    assert client.get(re.sub(r"/pages/[^/]+/", "/pages/x/", answer.headers["location"])).status_code == 403
+    assert client.get(f"/open/results/{one.id}/report.html").status_code == 401
+
+
+def test_a_folder_that_holds_no_result_is_not_read(user: Any, known: Catalog, tmp_path: Path) -> None:
+    (tmp_path / "private.json").write_text("{}")
+    one = entry(folder=tmp_path, host=platform.node())
+    known.add(one)
+    assert user.get(f"/open/results/{one.id}/private.json").status_code == 404
+    assert "private.json" not in user.get(f"/results/{one.id}").text
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../secret.json", "..", ".", "", "/etc/passwd", "a/../../secret.json", "link.json", "inside/x.json",
+        ".hidden.json", "run", "run.json/", "run.json\0", "run.sh", "a\\b.json", "folder.json", "x" * 5000 + ".json",
+    ],
+)  # fmt: skip
+def test_no_document_leads_out_of_its_folder(tmp_path: Path, name: str) -> None:
+    from resim.core.errors import InputError
+
+    folder = tmp_path / "out"
+    (folder / "folder.json").mkdir(parents=True)
+    (tmp_path / "secret.json").write_text("secret")
+    (tmp_path / "x.json").write_text("secret")
+    (folder / "run.json").write_text("{}")
+    (folder / "run.sh").write_text("x")
+    (folder / ".hidden.json").write_text("{}")
+    (folder / "link.json").symlink_to(tmp_path / "secret.json")
+    (folder / "inside").symlink_to(tmp_path)
+    assert find_document(folder, "run.json").path == folder / "run.json"
+    with pytest.raises(InputError, match="is no file of this folder"):
+        find_document(folder, name)
+
+
+def test_registered_folders_hold_what_jobs_need(tmp_path: Path) -> None:
+    places = RegisteredFolders([ROOT / "scenarios", ROOT / "adfunc", ROOT / "networks"])
+    places.scan()
+    names = {
+        kind: {f.name for f in places.all(kind)}
+        for kind in ("recording", "build", "suite", "sweep", "criteria")
+    }
+    assert {"cut_in_brake", "rear_end", "overtake"} <= names["recording"]
+    assert "highway_pilot-1.0" in names["build"]
+    assert names["suite"] == {p.stem for p in (ROOT / "scenarios" / "suites").glob("*.toml")}
+    assert names["sweep"] == {p.stem for p in (ROOT / "scenarios" / "sweeps").glob("*.toml")}
+    assert {"highway", "traffic"} <= names["criteria"]
+    assert {f.name for f in places.all("model")} >= {"none", "proving_ground"}
+    assert [f.name for f in places.all("kernels")] == ["motorway"]
+    assert "proving_ground" in {f.name.removesuffix(".xodr") for f in places.all("map")}
+
+
+def test_what_changes_in_a_registered_folder_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "drive").mkdir()
+    places = RegisteredFolders([tmp_path])
+    places.scan()
+    assert places.all("recording") == []
+    for name in ("recording.toml", "gt.csv"):
+        (tmp_path / "drive" / name).write_bytes((DRIVE / name).read_bytes())
+    (tmp_path / "linked").symlink_to(DRIVE)
+    version = places.version
+    places.scan()
+    (found,) = places.all("recording")
+    assert places.version > version
+    assert (found.tables, found.hash, found.fault) == (("gt",), "", "")
+    places.hash_recordings()
+    assert "map" in places.get(found.id, ("recording",)).fault
+
+
+def test_names_that_are_no_text_hide_nothing_else(user: Any, supervisor: Any, tmp_path: Path) -> None:
+    for name in (b"good", b"bad\xff"):
+        folder = Path(os.fsdecode(os.fsencode(tmp_path / "drives") + b"/" + name))
+        folder.mkdir(parents=True)
+        (folder / "recording.toml").write_text("")
+    supervisor.folders.folders = (tmp_path / "drives",)
+    supervisor.folders.scan()
+    supervisor.folders.hash_recordings()
+    answer = user.get("/experiments")
+    assert answer.status_code == 200
+    assert "1 to 1 of 1 recordings" in answer.text
+
+
+def test_verdicts_that_are_not_known_are_never_good() -> None:
+    assert [tone(v) for v in ("PASS", "FAIL", "INVALID", "failed", "", "new word")] == [
+        "pass", "fail", "invalid", "failed", "none", "none"
+    ]  # fmt: skip
+    assert [size(v) for v in (0, 999, 1.5e6, 2e15)] == ["0 B", "999 B", "1.5 MB", "2e+03 TB"]
+
+
+def test_pages_of_many_drives_and_results_come_soon(supervisor: Any, user: Any, known: Catalog) -> None:
+    from sqlalchemy import insert
+
+    from resim.results.tables import INPUT, OUTCOME, RESULT
+
+    n = 3000
+    with known.connected() as connection, connection.begin():
+        told = {"kind": "run", "host": "h", "digest": "d", "resim": "0", "verdict": "PASS", "counts": {}}
+        connection.execute(insert(RESULT), [
+            {**told, "id": f"{k:016x}", "name": f"d{k}", "folder": f"/r/{k}",
+             "written": f"2026-01-01T00:00:00.{k:06}+00:00"} for k in range(n)
+        ])  # fmt: skip
+        connection.execute(insert(INPUT), [
+            {"result": f"{k:016x}", "row": 0, "role": "recording", "name": f"d{k}", "path": "", "hash": f"{k:064x}"}
+            for k in range(n)
+        ])  # fmt: skip
+        connection.execute(insert(OUTCOME), [
+            {"result": f"{k:016x}", "row": 0, "recording": f"d{k}", "build": "", "source": "rGT", "verdict": "PASS",
+             "cause": ""} for k in range(n)
+        ])  # fmt: skip
+    user.get("/experiments")
+    for path in (
+        "/experiments?text=d2",
+        "/experiments?state=good&first=2000",
+        "/results?text=d2",
+        "/results?first=2900",
+    ):
+        begin = time.monotonic()
+        answer = user.get(path)
+        assert answer.status_code == 200
+        assert len(answer.text) < 120_000  # of thousands, one page
+        assert time.monotonic() - begin < 5.0  # it does not hang; docs/validation.md has figures

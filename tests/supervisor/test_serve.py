@@ -1,0 +1,76 @@
+"""`resim serve`, before anything is served: what is missing, what would let others in unseen."""
+
+from __future__ import annotations
+
+import importlib.util
+import socket
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from supervised import entered
+
+from resim.core.errors import InputError
+from resim.supervisor.server import ServeOptions, check_options
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+def options(**told: Any) -> ServeOptions:
+    return ServeOptions(**({"folders": (), "host": "127.0.0.1", "port": 0, "tasks": Path("t")} | told))
+
+
+def test_the_missing_extra_is_named(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = importlib.util.find_spec
+    monkeypatch.setattr(
+        "importlib.util.find_spec", lambda name, *a: None if name == "uvicorn" else real(name, *a)
+    )
+    code, _, error = call("serve")
+    assert code == 2
+    assert error == "resim: resim serve: needs uvicorn. In resim's own folder: pip install '.[serve]'\n"
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "example.org", ""])
+def test_other_machines_are_let_in_only_where_that_is_said(call: Call, host: str) -> None:
+    code, _, error = call("serve", "--no-open", "--host", host)
+    assert code == 2
+    assert "can be reached from other machines" in error
+    check_options(options(host=host, remote="https://resim.example.org"))
+
+
+@pytest.mark.parametrize(
+    "remote",
+    ["http://resim.example.org", "resim.example.org", "https://", "https://a@b.c", "https://a.b/path"],
+)
+def test_the_address_of_others_must_be_encrypted(remote: str) -> None:
+    with pytest.raises(InputError, match="is not the https:// address"):
+        check_options(options(remote=remote))
+
+
+def test_what_cannot_be_used_is_told_in_a_line(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    assert "is no folder" in call("serve", "--no-open", tmp_path / "nothing")[2]
+    (tmp_path / "no.pem").write_text("no certificate")
+    assert "cannot be used" in call("serve", "--no-open", "--certificate", tmp_path / "no.pem")[2]
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert (
+            "cannot be listened on (Address already in use)" in call("serve", "--no-open", "--port", port)[2]
+        )
+    monkeypatch.setenv("RESIM_CATALOG", "none")
+    assert "switches the catalog off" in call("serve", "--no-open")[2]
+
+
+def test_the_token_is_the_users_alone(served: Callable[..., Any], tmp_path: Path) -> None:
+    _, address, token = served()
+    page = tmp_path / "data" / "resim" / "open.html"
+    assert stat.S_IMODE(page.stat().st_mode) == 0o600
+    assert f"{address}/?token={token}" in page.read_text()
+    with entered(address, token) as client:
+        headers = {name.lower() for name in client.get("/").headers}
+        assert "server" not in headers
+        assert client.get("/", headers={"host": "localhost"}).status_code == 421

@@ -1,0 +1,226 @@
+"""Does the Supervisor lose tasks, and does it keep up? python tools/validate_supervisor.py [--kills 50] [--users 50]
+
+Kills: two servers on one catalog do tasks, while every second a server, or the process of a task, is killed by SIGKILL
+and servers are started again; afterwards each task must have ended, each attempt must have been made once, and none
+may have been done after it ended. Load: users who ask for a page every second while a sweep runs as a task, over a
+catalog of 2,000 results; and how long the sweep takes with and without them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import random
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import httpx2
+import psutil
+
+from resim.results.catalog import Catalog
+from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
+from resim.results.queue import TaskQueue, new_id
+from resim.supervisor.processes import is_alive, number_of, read_whole
+
+ROOT = Path(__file__).parents[1]
+PAGES = (
+    "/",
+    "/experiments",
+    "/results",
+    "/results?text=drive",
+    "/builds",
+    "/tasks",
+    "/search?text=pilot",
+    "/jobs/run",
+)
+
+
+def start(tasks: Path, jobs: int) -> tuple[subprocess.Popen[str], str, str]:
+    """Start a server; gives it, its address and its token."""
+    command = [sys.executable, "-m", "resim", "serve", "--no-open", "--port", "0", "--jobs", str(jobs)]
+    command += ["--tasks", str(tasks), str(ROOT / "scenarios"), str(ROOT / "adfunc")]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert server.stdout is not None
+    found = re.fullmatch(r"(\S+)/\?token=(\S+)\n", server.stdout.readline())
+    assert found is not None
+    return server, found[1], found[2]
+
+
+def end(server: subprocess.Popen[str]) -> None:
+    """Kill a server."""
+    server.kill()
+    server.wait()
+    assert server.stdout is not None
+    server.stdout.close()
+
+
+def put(queue: TaskQueue, tasks: Path, *words: str, out: bool = False) -> str:
+    """Put a task in, and give its id."""
+    name = new_id()
+    more = [f"--out={tasks / name / 'result'}"] if out else []
+    queue.add(
+        name, words[0], [*words, *more], str(tasks / name), ("--resume",) if words[0] == "sweep" else ()
+    )
+    return name
+
+
+def kills(folder: Path, count: int, seed: int) -> None:
+    """Kill servers and tasks, and say what was lost or done twice."""
+    queue, tasks, chance = (
+        TaskQueue(Catalog(os.environ["RESIM_CATALOG"])),
+        folder / "tasks",
+        random.Random(seed),
+    )
+    drives = sorted(p.parent for p in (ROOT / "scenarios").glob("*/recording.toml"))
+    names = [put(queue, tasks, "check", "--", str(drives[k % len(drives)])) for k in range(2 * count)]
+    servers = [start(tasks, 2)[0] for _ in range(2)]
+    killed = Counter[str]()
+    for _ in range(count):
+        time.sleep(chance.uniform(0.2, 1.5))
+        running = [t for t in queue.unfinished() if t.state == "running"]
+        if running and chance.random() < 0.5:
+            begun = read_whole(Path(chance.choice(running).folder) / "begun.json")
+            if begun and is_alive(str(begun["process"])):
+                with suppress(OSError):
+                    os.killpg(number_of(str(begun["process"])), signal.SIGKILL)
+                killed["tasks"] += 1
+                continue
+        k = chance.randrange(2)
+        end(servers[k])
+        servers[k] = start(tasks, 2)[0]
+        killed["servers"] += 1
+    while queue.unfinished():
+        time.sleep(0.5)
+    for server in servers:
+        end(server)
+    ended = [queue.get(name) for name in names]
+    twice = sum(_made(Path(t.folder)) != t.attempt for t in ended)
+    states = Counter(t.state for t in ended)
+    again = sum(t.attempt > 1 for t in ended)
+    print("\n| killed | tasks | done | lost after 3 kills | begun again | an attempt made twice, or none |")
+    print("|---|---|---|---|---|---|")
+    what = ", ".join(f"{n} {name}" for name, n in sorted(killed.items()))
+    print(f"| {what} | {len(names)} | {states['done']} | {states['lost']} | {again} | {twice} |", flush=True)
+
+
+def _made(folder: Path) -> int:
+    """How many attempts the log of a task tells of."""
+    return (folder / "log.txt").read_text(errors="replace").count("$ resim ")
+
+
+def fill(catalog: Catalog, count: int) -> None:
+    """Put results in, of 200 drives and 5 builds."""
+    one = CatalogEntry(
+        "verification", "suite", Path("/r"), "host", "", "", "0.1.0", "not verified", {"verified": 1}
+    )
+    for k in range(count):
+        drive, build = f"drive_{k % 200:03}", f"pilot-1.{k % 5}"
+        inputs = (
+            CatalogInput("recording", drive, "", f"{k % 200:064x}"),
+            CatalogInput("build", build, "", f"{k % 5:064x}"),
+        )
+        verdict = ("verified", "not verified")[k % 3 == 0]
+        outcomes = (CatalogOutcome(drive, build, "", verdict),)
+        written = f"2026-10-{1 + k % 28:02}T05:00:{k % 60:02}.000+00:00"
+        catalog.add(
+            replace(
+                one,
+                folder=Path(f"/r/{k}"),
+                digest=f"{k:064x}",
+                written=written,
+                inputs=inputs,
+                outcomes=outcomes,
+            )
+        )
+
+
+async def ask(address: str, token: str, users: int, running: asyncio.Event) -> list[float]:
+    """Let users ask for pages until the event; gives how long each took [s]."""
+    took: list[float] = []
+    async with httpx2.AsyncClient(
+        base_url=address, timeout=60.0, limits=httpx2.Limits(max_connections=users)
+    ) as client:
+        (await client.get("/", params={"token": token})).raise_for_status()
+
+        async def user(k: int) -> None:
+            chance = random.Random(k)
+            while not running.is_set():
+                await asyncio.sleep(chance.uniform(0.5, 1.5))
+                begin = time.perf_counter()
+                (await client.get(chance.choice(PAGES))).raise_for_status()
+                took.append(time.perf_counter() - begin)
+
+        await asyncio.gather(*(user(k) for k in range(users)))
+    return took
+
+
+def load(folder: Path, users: int) -> None:
+    """Run a sweep as a task, with and without users, and say how long pages and sweeps took."""
+    catalog = Catalog(os.environ["RESIM_CATALOG"])
+    queue, tasks = TaskQueue(catalog), folder / "tasks"
+    fill(catalog, 2000)
+    server, address, token = start(tasks, 1)
+    process = psutil.Process(server.pid)
+    sweep, times, took = ROOT / "scenarios" / "sweeps" / "perception_latency.toml", {}, []
+
+    async def with_users(name: str) -> list[float]:
+        over, begin, before = asyncio.Event(), time.monotonic(), sum(process.cpu_times()[:2])
+        asking = asyncio.create_task(ask(address, token, users, over))
+        while queue.get(name).state in ("waiting", "running"):
+            await asyncio.sleep(0.5)
+        over.set()
+        found = await asking
+        times["share"] = (sum(process.cpu_times()[:2]) - before) / (time.monotonic() - begin)
+        return found
+
+    for which in ("warm", "without", "with"):
+        name = put(queue, tasks, "sweep", "run", "--workers=1", str(sweep), out=True)
+        if which == "with":
+            took = asyncio.run(with_users(name))
+        while (task := queue.get(name)).state in ("waiting", "running"):
+            time.sleep(0.2)
+        assert task.ended is not None
+        assert task.begun is not None
+        times[which] = task.ended - task.begun
+    memory = process.memory_info().rss / 1e6
+    end(server)
+    middle, late = statistics.median(took), statistics.quantiles(took, n=20)[-1]
+    print(
+        "\n| users | pages | median | 95 % | sweep without [s] | sweep with [s] | server, of a core | server [MB] |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    print(
+        f"| {users} | {len(took)} | {1e3 * middle:.0f} ms | {1e3 * late:.0f} ms | {times['without']:.1f} | "
+        f"{times['with']:.1f} | {100 * times['share']:.0f} % | {memory:.0f} |", flush=True,
+    )  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--users", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        for part, job in (
+            ("kills", lambda f: kills(f, given.kills, given.seed)),
+            ("load", lambda f: load(f, given.users)),
+        ):
+            if getattr(given, "users" if part == "load" else "kills"):
+                os.environ["RESIM_CATALOG"] = str(Path(name) / part / "catalog.sqlite")
+                os.environ["XDG_DATA_HOME"] = str(Path(name) / part)
+                job(Path(name) / part)
+
+
+if __name__ == "__main__":
+    main()
