@@ -80,7 +80,7 @@ class TestDrive:
         perception: Hash of the perception model, "" without one.
         verdict: Of its verification.
         own: Whether the build under test drove it; people's drives are no test drives.
-        accident: Whether its EGO collided in the measured drive, or the drive broke off, or nobody says that it did not.
+        accident: Whether its EGO collided in the measured drive, the drive broke off, or nobody says that it did not.
     """
 
     __test__ = False
