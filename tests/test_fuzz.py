@@ -164,3 +164,14 @@ def test_the_fuzzer_finds_no_failure_in_its_first_inputs() -> None:
     assert [(row[0], row[1], row[4]) for row in rows] == [
         ("map", "24", "0"), ("recording", "18", "0"), ("jscen", "12", "0"), ("build", "6", "0"),
     ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_fuzzer_finds_no_failure_in_formats_of_others() -> None:
+    command = [sys.executable, str(ROOT / "tools" / "fuzz.py"), "110", "--seed", "11", "--kind", "imports"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in done.stdout.splitlines()[2:]]
+    assert {row[1] for row in rows} == {"10"}
+    assert {"osi", "highd", "commonroad", "openscenario", "scenes", "bag"} <= {row[0] for row in rows}
+    assert sum(int(row[2]) for row in rows) > 10  # else nothing is looked at but heads of files

@@ -3,8 +3,9 @@
     python tools/draw_labels.py RECORDING MINED OUT [--label NAME ...]
 
 Above, from the sky: lanes, the object's whole way thin, the labelled part blue, its box and that of the partner at
-the moment; everybody else grey. Below, over time: speed [m/s] (black), its difference quotient [m/s²] (green, right), and
-the labelled part shaded. Positions are those of the recording; nothing of what mining derives is drawn but the label.
+the moment; everybody else grey. Below, over time: speed [m/s] (black), its difference quotient [m/s²] (green,
+right), and the labelled part shaded. Positions are those of the recording; nothing of what mining derives is drawn
+but the label.
 """
 
 from __future__ import annotations

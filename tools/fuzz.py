@@ -1,6 +1,7 @@
 """Give damaged maps, recordings, JSCEN and build files to resim, and count what becomes of them.
 
     python tools/fuzz.py 10000 [--seed S] [--kind map] [--only NUMBER] [--time-limit 30]
+    .venv-formats/bin/python tools/fuzz.py 13000 --kind imports     # recordings in formats of others, as many of each
 
 Every input must give a result or an error that names the file: no traceback, warning, hang, crash, memory beyond
 4 GB, or file left behind. The same kind, seed and number make the same input. Exit code 1 where one failed.
@@ -20,7 +21,10 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from fuzzing.foreign import KINDS
+
 TOOLS = Path(__file__).parent
+IMPORTS = "imports"
 SHARES = {"map": 0.4, "recording": 0.3, "jscen": 0.2, "build": 0.1}
 Answer = tuple[int, str, str]
 """Number of the input, outcome, and what was said."""
@@ -84,6 +88,8 @@ def _death(child: subprocess.Popen[bytes], ended: bool, limit: float, folder: Pa
 
 def shares(total: int, only: str | None) -> dict[str, int]:
     """Give how many inputs of each kind."""
+    if only == IMPORTS:
+        return dict.fromkeys(KINDS, total // len(KINDS))
     if only is not None:
         return {only: total}
     return {kind: round(share * total) for kind, share in SHARES.items()}
@@ -93,7 +99,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("total", type=int, nargs="?", default=400, help="how many inputs")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--kind", choices=sorted(SHARES))
+    parser.add_argument("--kind", choices=[*SHARES, IMPORTS, *KINDS])
     parser.add_argument("--only", type=int, help="number of the one input to run, of --kind")
     parser.add_argument("--time-limit", type=float, default=60.0, help="s for one input")
     parser.add_argument("--verbose", action="store_true", help="print what was said of every input")

@@ -81,7 +81,10 @@ def openlabel(drive: Drive, out: Out, accept: Accept = None) -> None:
 @command(exports, "rocrate")
 def rocrate(
     results: Annotated[
-        Path, typer.Argument(help="Folder that run, assess, map convert, verify or sweep wrote.")
+        Path,
+        typer.Argument(
+            help="Folder that run, assess, map convert, verify, sweep, vary, mine or space wrote."
+        ),
     ],
     out: Out,
 ) -> None:

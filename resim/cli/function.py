@@ -25,7 +25,8 @@ def check(
         typer.Option(help="What `resim run --record` recorded: whether a process answers the same."),
     ] = None,
 ) -> None:
-    """Check that a function does what resim asks of it: answers, units, determinism, clock, latency, malformed input.
+    """Check that a function does what resim asks of it: answers, units, determinism, clock, latency, restart,
+    malformed input.
 
     It is asked the lists of a short drive several times, or what was recorded. Ends with 1 where something does not
     hold.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, MutableMapping
+from dataclasses import replace
 from functools import cache
 from inspect import Parameter
 from pathlib import Path
@@ -114,7 +115,7 @@ def _command(form: RecordingFormat) -> Callable[..., None]:
         *, map_file: Map, ego: Ego, out: Out, start: Start = None, end: End = None, **own: Any
     ) -> None:
         file = own.pop(form.file)
-        _write(form.reader(file, map=map_file, ego=ego, start=start, end=end, **own), out)
+        _write(form.reader(file, map=map_file, ego=ego, start=start, end=end, **own), file, out)
 
     *common, _ = inspect.signature(convert, eval_str=True).parameters.values()
     file = Annotated[Path, typer.Argument(callback=A_SOURCE, help=form.file_help)]
@@ -137,12 +138,16 @@ def _parameter(option: FormatOption) -> Parameter:
     return Parameter(option.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
-def _write(found: Recording | RecordingTables, out: Path) -> None:
-    """Write the recording, and print what it holds and where it is from."""
+def _write(found: Recording | RecordingTables, file: Path, out: Path) -> None:
+    """Write the recording that was made of a file, and print what it holds and where it is from."""
     from resim.recordings import Recording, RecordingTables, write_tables
     from resim.road.opendrive import load
 
-    tables = RecordingTables.of(found) if isinstance(found, Recording) else found
+    tables = (
+        replace(RecordingTables.of(found), gt_file=file, sd_file=file)
+        if isinstance(found, Recording)
+        else found
+    )
     load(tables.map)  # a file that is no OpenDRIVE is told of now, not when the recording is run
     write_tables(tables, out)
     objects, span = tables.gt["id"].nunique(), tables.gt["t"].max() - tables.gt["t"].min()

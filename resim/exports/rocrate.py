@@ -37,6 +37,17 @@ _WORDS = {
         "Verdicts of measured and re-simulated drives of a function build, compared",
     ),
     "sweep.json": ("Sweep", "Re-simulations of a drive over parameters and perception errors"),
+    "variations.json": ("Variations", "Drives near a measured one that a human could have driven"),
+    "mined.json": ("Mined recordings", "Maneuvers of recordings, and the scenarios cut out of them"),
+    "space.json": (
+        "Scenario space",
+        "Distances and clusters of scenarios, and how likely and risky each kind is",
+    ),
+    "release.json": (
+        "Release verdict",
+        "Whether a function may be released by a scenario space, and what forbids it",
+    ),
+    "comparison.json": ("Comparison of spaces", "What one scenario space holds and another does not"),
 }
 """Title and description of what a folder holds, by its mark."""
 

@@ -25,7 +25,7 @@ from resim.simulation.naturalistic.windows import TrafficWindow
 from resim.simulation.vehicles.registry import vehicle_model
 
 FEWEST = 25
-"""Samples of a vehicle that is to be the EGO, and those of a drive that is recorded."""
+"""Samples of a vehicle that is to be the EGO. What a function drives of them is recorded however short it is."""
 MOTION = ("x", "y", "heading", "v", "a", "yaw_rate")
 
 
@@ -127,7 +127,8 @@ def with_ego(
     name = _longest(window.tracks, ego.settings.kind)
     if name is None:
         return None
-    part = _cut(window, name, ego.settings.around)
+    # whom a function meets nobody knows before it drove: one that stands meets those from far behind
+    part = _cut(window, name, ego.settings.around if ego.build is None else np.inf)
     if ego.build is None:
         assert ego.perception is not None
         sensed = sense_vehicle(part.tracks, name, ego.perception, ego.settings.sight, seed)
@@ -148,15 +149,14 @@ def with_ego(
         said.reactive,
         seed,
     )
-    driven = in_child(drive_vehicle, task)
-    if len(driven.tracks.t) < FEWEST:
-        return None
+    driven = _with_those_near(in_child(drive_vehicle, task), name, said.around)
     made = replace(part, tracks=driven.tracks, maneuvers=tuple(_truth(part, driven, name, network)))
     times = driven.sensed.tracks.t
     recording = Recording(
         name="", map=network.path, ego=name, gt=driven.tracks, gt_rate=rate, sd=driven.sensed.tracks,
-        sd_rate=round(1.0 / float(np.median(np.diff(times))), 6), sd_gt_id=driven.sensed.gt_id,
-        build=driven.build, build_hash=driven.build_hash, plan=driven.plan, provenance=_reactions(driven),
+        sd_rate=round(1.0 / float(np.median(np.diff(times))), 6) if len(times) > 1 else rate,
+        sd_gt_id=driven.sensed.gt_id, build=driven.build, build_hash=driven.build_hash, plan=driven.plan,
+        provenance=_reactions(driven),
     )  # fmt: skip
     return EgoWindow(recording, made, driven.ended, bool(driven.failure))
 
@@ -174,13 +174,25 @@ def _cut(window: TrafficWindow, ego: str, around: float) -> TrafficWindow:
     own = tracks.t[tracks.valid[tracks.index(ego)]]
     first, last = float(own[0]), float(own[-1])
     part = tracks.window(first, last).shifted(-first)
-    row = part.index(ego)
-    away = np.hypot(part.x - part.x[row], part.y - part.y[row])
-    near = np.nanmin(np.where(part.valid, away, np.inf), axis=1) <= around
-    part = part.select(part.ids[(part.valid.sum(axis=1) > 1) & near])
+    part = part.select(part.ids[(part.valid.sum(axis=1) > 1) & _near(part, ego, around)])
     moved = (m._replace(start=m.start - first, end=m.end - first, t=m.t - first) for m in window.maneuvers)
     kept = tuple(m for m in moved if m.object in part.ids and _is_there(part, m.object, m.t))
     return replace(window, begin=window.begin + first, tracks=part, maneuvers=kept)
+
+
+def _near(tracks: Tracks, ego: str, around: float) -> np.ndarray:
+    """Who (N,) ever comes within so many metres of the EGO."""
+    row = tracks.index(ego)
+    away = np.hypot(tracks.x - tracks.x[row], tracks.y - tracks.y[row])
+    return np.asarray(np.nanmin(np.where(tracks.valid & tracks.valid[row], away, np.inf), axis=1) <= around)
+
+
+def _with_those_near(driven: DrivenVehicle, ego: str, around: float) -> DrivenVehicle:
+    """What was driven with who came near it, reacted to it, or was sensed."""
+    tracks = driven.tracks
+    known = {one.id for one in driven.handed_over} | set(driven.sensed.gt_id.tolist())
+    keep = _near(tracks, ego, around) | np.isin(tracks.ids, sorted(known))
+    return replace(driven, tracks=tracks.select(tracks.ids[keep]))
 
 
 def _is_there(tracks: Tracks, name: str, t: float) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import math
 import shutil
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -36,12 +37,28 @@ from resim.report.player.simulated import broken_off
 from resim.resimulation.run import describe_recording
 from resim.resimulation.written import read_run
 from resim.results import EXPORT, check_output, refuse_within, whole_folder, write_json
-from resim.results.folders import ASSESSMENT, CONVERSION, RUN, SWEEP, VERIFICATION, check_results, locked
+from resim.results.folders import (
+    ASSESSMENT,
+    COMPARISON,
+    CONVERSION,
+    MINING,
+    RELEASE,
+    RUN,
+    SPACE,
+    SWEEP,
+    VARIATIONS,
+    VERIFICATION,
+    check_results,
+    locked,
+)  # fmt: skip
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.jscen import read_jscen
 from resim.scenario.openscenario import STYLES, VERSIONS, openscenario, refuse_without_openscenario
 from resim.scenario.scenario import Scenario
 
+PACKED = (RUN, VERIFICATION, SWEEP, VARIATIONS, MINING, SPACE, RELEASE, COMPARISON, CONVERSION, ASSESSMENT)
+PACKED_OF = "run, assess, map convert, verify, sweep, vary, mine or space"
+"""Folders that are packed as a crate, and the commands that write them."""
 SOURCE_ALONE = "scenario"
 """What the one source of a JSCEN file is called."""
 
@@ -125,12 +142,14 @@ class ExportForm:
         module: Has `write`, which writes a drive into a folder and gives the file of each source.
         needs: Packages that are not always there, and the extra that brings each.
         labelled: Whether it holds maneuvers.
+        latest: Whole seconds that its clock counts to.
     """
 
     title: str
     module: str
     needs: Mapping[str, str]
     labelled: bool = False
+    latest: float = math.inf
 
 
 FORMS: Mapping[str, ExportForm] = {
@@ -138,12 +157,12 @@ FORMS: Mapping[str, ExportForm] = {
         "OSI", "resim.exports.osi", {"osi3": "osi"},
     ),
     "mcap": ExportForm(
-        "MCAP", "resim.exports.mcap", {"osi3": "osi", "mcap": "osi", "foxglove": "foxglove"},
+        "MCAP", "resim.exports.mcap", {"osi3": "osi", "mcap": "osi", "foxglove": "foxglove"}, latest=2**32,
     ),
-    "rosbag": ExportForm("rosbag2", "resim.exports.rosbag", {"rosbags": "ros"}),
+    "rosbag": ExportForm("rosbag2", "resim.exports.rosbag", {"rosbags": "ros"}, latest=2**31),
     "openlabel": ExportForm("OpenLABEL 1.0.0", "resim.exports.openlabel", {}, labelled=True),
     "foxglove": ExportForm(
-        "Foxglove", "resim.exports.foxglove", {"mcap": "foxglove", "foxglove": "foxglove"},
+        "Foxglove", "resim.exports.foxglove", {"mcap": "foxglove", "foxglove": "foxglove"}, latest=2**32,
     ),
 }  # fmt: skip
 """By the name of the command; OpenSCENARIO has more to choose from, and a function of its own."""
@@ -176,6 +195,7 @@ def export_drive(
         )
     check_output(folder, EXPORT, (path,))
     played = _played(path, accept)
+    _check_clock(path, played, made)
     if made.labelled:
         played = replace(played, layers=tuple(_labelled(layer, played.network) for layer in played.layers))
     with whole_folder(folder, EXPORT, (played.network.path,)) as new:
@@ -212,7 +232,8 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
     """Write a folder of results as an RO-Crate: all of its files, and what is in it, what made it, from what.
 
     Args:
-        results: Folder that `resim run`, `assess --out`, `map convert`, `verify` or `sweep` wrote.
+        results: Folder that `resim run`, `assess --out`, `map convert`, `verify`, `sweep`, `vary`, `mine` or `space`
+            wrote.
         out: Folder for the crate; an earlier export there is replaced.
 
     Returns:
@@ -223,13 +244,11 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
     """
     path, folder = path_of(results), path_of(out)
     kind = next(
-        (one for one in (RUN, VERIFICATION, SWEEP, CONVERSION, ASSESSMENT) if (path / one.mark).is_file()),
+        (one for one in PACKED if (path / one.mark).is_file()),
         None,
     )
     if kind is None:
-        raise InputError(
-            path, "is no folder of results", "Give what run, assess, map convert, verify or sweep wrote."
-        )
+        raise InputError(path, "is no folder of results", f"Give what {PACKED_OF} wrote.")
     check_results(path, kind)
     refuse_within(folder, path, f"lies within {path}, which is to be packed")
     check_output(folder, EXPORT, (path,))
@@ -246,6 +265,15 @@ def export_rocrate(results: str | Path, out: str | Path) -> ExportReport:
         report = ExportReport(versions(), title, "RO-Crate 1.1", "", {}, "", files)
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
+
+
+def _check_clock(path: Path, played: PlayedDrive, made: ExportForm) -> None:
+    """Raise InputError for times that the clock of a form does not count to; it counts from 0, or the first below."""
+    first = min(0.0, *(float(layer.tracks.t[0]) for layer in played.layers))
+    last = max(float(layer.tracks.t[-1]) for layer in played.layers)
+    if last - first >= made.latest - 1.0:
+        problem = f"has times up to {last:g} s, and the clock of {made.title} ends at {made.latest:g} s"
+        raise InputError(path, problem, "Give t in seconds, since 1970 or since the start of the drive.")
 
 
 def _played(path: Path, accept: Collection[str]) -> PlayedDrive:

@@ -32,9 +32,9 @@ from resim.results import (
 )
 from resim.space.build import build_space, grow_space, usual_threshold
 from resim.space.comparison import SpaceComparison, compare_spaces, together
-from resim.space.folder import read_report, read_space, write_space
+from resim.space.folder import REMEDY, read_report, read_space, write_space
 from resim.space.limits import read_limits
-from resim.space.members import TestDrive, clusters_of, judged_members
+from resim.space.members import TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.page import (
     write_comparison_page,
@@ -50,6 +50,8 @@ from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 from resim.space.sources import read_mined
 
 EXAMPLE = "See docs/guides/space.md."
+FARTHEST_APART = 12.0
+"""The published distance at its most: every slot held by one of two alone."""
 COVER_AGAIN = "Cover the space again with `resim space cover`."
 
 
@@ -164,7 +166,10 @@ def read_result(folder: str | Path) -> SpaceResult:
     Raises:
         InputError: It is none, or was changed.
     """
-    return SpaceResult(path_of(folder), read_report(path_of(folder)))
+    where = path_of(folder)
+    report = read_report(where)
+    check_hashes(where, report.files, REMEDY)
+    return SpaceResult(where, report)
 
 
 @dataclass(frozen=True)
@@ -200,6 +205,7 @@ def cover(
         InputError: A folder is none of these, or they are of several builds or models.
     """
     folder, (found, told) = path_of(space), read_space(path_of(space))
+    within = _within(usual_threshold(found) if options.within is None else options.within)
     given = [(path_of(one), read_simulated(path_of(one))) for one in simulated]
     held = [(path_of(one), read_simulated(path_of(one))) for one in options.held_out]
     if not given:
@@ -210,23 +216,33 @@ def cover(
     every = [one for _, one in given]
     known = driven_traces(found, [*every, *(one for _, one in held)])
     drives = [drive for one in every for drive in one.drives]
-    within = usual_threshold(found) if options.within is None else options.within
     members = judged_members(found, [run for one in every for run in one.runs], drives, known, within)
-    risks = cluster_risks(found, members, first.label)
+    risks = cluster_risks(found, members, first.build)
     spared = [run for _, one in held for run in one.runs]
-    if twice := {run.name for run in spared} & {run.name for one in every for run in one.runs}:
-        raise InputError("--held-out", f"{min(twice)} is a member as well", "Hold other drives out.")
+    members_of = {run.same: run.name for one in every for run in one.runs}
+    if twice := [run.name for run in spared if run.same in members_of]:
+        raise InputError("--held-out", f"{twice[0]} is a member as well", "Hold other drives out.")
+    if len({run.same for run in spared}) < len(spared):
+        raise InputError("--held-out", "the same run is there twice", "Name each drive once.")
     calibration = None if not held else calibrated(risks, spared, clusters_of(found, known))
     with locked(folder, "another `resim space`"), explain_os_errors(folder):
         write_parquet(members, folder / "members.parquet")
         report = CoverReport(
             versions(), {"members.parquet": file_hash(folder / "members.parquet")}, file_hash(folder / MARK),
-            first.build, first.label, first.perception, within, _verified(drives), risks, calibration,
+            first.build, first.label, first.perception, within, _verified(drives),
+            not_mined(found, [drive for _, one in (*given, *held) for drive in one.drives], known), risks, calibration,
             tuple(cover_notes(members, drives)),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)
         write_cover_page(found, told, report, folder)
     return report
+
+
+def _within(distance: float) -> float:
+    """Give the distance back. Raises InputError where it is none."""
+    if not 0.0 <= distance <= FARTHEST_APART:
+        raise InputError("--within", f"expected 0 to {FARTHEST_APART:g}, found {distance:g}")
+    return distance
 
 
 def _verified(drives: Sequence[TestDrive]) -> int:

@@ -18,6 +18,8 @@ from resim.mining.extraction import window_of
 from resim.mining.features import features
 from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.recordings import Recording, read_recording
+from resim.recordings.content import refuse_changed
+from resim.resimulation import AssessmentOptions, assess_recording
 from resim.road.opendrive import load
 from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
 from resim.space.model import Space, bucket_names
@@ -43,6 +45,7 @@ class Simulated:
         label: Name and version of the build.
         build: Its hash.
         perception: Hash of the model, "" without one.
+        moved: What moves the EGO, and how traffic reacts.
     """
 
     runs: tuple[SimulatedRun, ...]
@@ -51,6 +54,7 @@ class Simulated:
     label: str
     build: str
     perception: str
+    moved: str
 
 
 def read_simulated(folder: Path) -> Simulated:
@@ -81,16 +85,24 @@ def _of_sweep(folder: Path, swept: SweepResult) -> Simulated:
     changed = [p.name for p in swept.parameters if not p.name.startswith(VARIATION)]
     keys = {name: one.hash or name for name, one in inputs.recordings.items()}
     words = ", ".join(f"{name} is swept" for name in changed)
+    varied = [p.name for p in swept.parameters]
+    told = f"{inputs.sweep.variation} {getattr(inputs.kernels, 'hash', '')}"
     runs = [
         SimulatedRun(
             f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
-            _number(row["risk"]), _flag(row["collision"]), words, str(row.get(TRUST) or INSIDE),
+            _number(row["risk"]), _flag(row["collision"]), words, _trust(row.get(TRUST), varied),
             repeat=f"resim sweep repeat {_shown(folder)} {row['run']} --out out/repeated",
+            same=_same(
+                keys[row["recording"]], {name: row[name] for name in varied}, told, row["seed"] if perception else 0
+            ),
         )
         for row in swept.rows.to_dict("records")
     ]  # fmt: skip
     paths = {keys[name]: _path(folder, one.path) for name, one in inputs.recordings.items()}
-    return Simulated(tuple(runs), (), paths, builds[0][1].label, builds[0][1].hash or "", perception or "")
+    moved = f"vehicle {inputs.vehicle}, traffic {inputs.sweep.reacts}"
+    return Simulated(
+        tuple(runs), (), paths, builds[0][1].label, builds[0][1].hash or "", perception or "", moved
+    )
 
 
 def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
@@ -105,32 +117,65 @@ def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
             continue
         key, path = one.hash or one.name, _path(folder, one.folder)
         paths[key] = path
+        refuse_changed(path, key)
         recording = read_recording(path)
-        own = recording.build == inputs.build.label and recording.build_hash in (None, build)
-        drives.append(TestDrive(key, one.name, build, perception, one.verdict, own))
+        own = bool(build) and recording.build_hash == build
+        hit = _measured_collision(recording)
+        accident = hit is not False or bool(recording.provenance.get("ended"))
+        drives.append(TestDrive(key, one.name, build, perception, one.verdict, own, accident))
         repeat = (
             f"resim run {_shown(path)} --build {_shown(_path(folder, inputs.build.path))} --out out/repeated"
         )
         if inputs.perception is not None:
             repeat += f" --perception {_shown(_path(folder, inputs.perception.path))} --seeds 1"
-        runs += _runs(folder, one, SimulatedRun("", key, build, perception, math.nan, None, repeat=repeat))
-    return Simulated(tuple(runs), tuple(drives), paths, inputs.build.label, build, perception)
+        run = SimulatedRun("", key, build, perception, math.nan, hit, repeat=repeat)
+        runs += _runs(folder, one, run)
+    moved = f"vehicle {inputs.vehicle}, traffic {inputs.traffic}"
+    return Simulated(tuple(runs), tuple(drives), paths, inputs.build.label, build, perception, moved)
 
 
 def _runs(folder: Path, one: VerifiedRecording, run: SimulatedRun) -> Iterator[SimulatedRun]:
-    """The runs that a verification judged a recording by. run: what they have in common."""
+    """The runs that a verification judged a recording by. run: what they have in common, `collided` of the drive."""
     name = f"{folder.name}:{one.name}"
     if one.way == MODEL:
         risks = one.risk.each().get(MODEL, ())
         for seed, risk in zip(one.seeds, risks, strict=True):
             known = math.nan if seed.failure or risk is None else risk
-            collided = None if seed.failure else seed.end == "collision"
+            ended: bool | None = seed.end == "collision"  # off the road nobody says what it would have met
+            if seed.failure or (not ended and (seed.end != "duration" or run.collided is None)):
+                ended = None
             repeat = f"{run.repeat} --seed {seed.seed}"
-            yield replace(run, name=f"{name}:{seed.seed}", risk=known, collided=collided, repeat=repeat)
+            yield replace(
+                run, name=f"{name}:{seed.seed}", risk=known, collided=ended, repeat=repeat,
+                same=_same(run.recording, {}, "", seed.seed),
+            )  # fmt: skip
         return
     risk = one.risk.each().get(one.way, (None,))[0]
-    whole = one.verdict == "verified"  # it ends as the drive did; of another nobody says how
-    yield replace(run, name=name, risk=math.nan if risk is None else risk, collided=False if whole else None)
+    collided = (
+        run.collided if one.verdict == "verified" else None
+    )  # it ends as the drive did; of another nobody says
+    same = _same(run.recording, {}, "" if one.way == "rGT" else one.way, 0)
+    yield replace(run, name=name, risk=math.nan if risk is None else risk, collided=collided, same=same)
+
+
+def _measured_collision(recording: Recording) -> bool | None:
+    """Whether the EGO collides in the measured drive; None where somebody may have been hit unseen."""
+    found = assess_recording(recording, AssessmentOptions(only=("collision",))).blocks["GT"]
+    return True if found.contacts else False if found.clear else None
+
+
+def _same(recording: str, values: Mapping[str, float], varied: str, seed: int) -> str:
+    """What tells a run from others of the same build and model, whoever did it.
+
+    values: of parameters that vary traffic; varied: how they do.
+    """
+    moved = sorted((name, float(value)) for name, value in values.items() if value != 0.0)
+    return f"{recording} {moved} {varied if moved else ''} {seed}"
+
+
+def _trust(told: object, varied: Sequence[str]) -> str:
+    """The trust of a run; unknown where a variation has none."""
+    return told if isinstance(told, str) and told else "unknown" if varied else INSIDE
 
 
 def _shown(path: Path) -> str:
@@ -160,6 +205,7 @@ def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
     }  # fmt: skip
     frames, buckets, scenarios = [], [], {}
     for key, path in sorted(paths.items()):
+        refuse_changed(path, key)
         recording = read_recording(path)
         frame, bucket = _trace(recording, key)
         frames.append(frame)
@@ -197,12 +243,14 @@ def one_build(given: Sequence[tuple[Path, Simulated]]) -> Simulated:
         The first of them.
 
     Raises:
-        InputError: They are of several builds or perception models.
+        InputError: They are of several builds, perception models, vehicle models or kinds of traffic.
     """
     (_, first), *others = given
     for folder, one in others:
-        if (one.build, one.perception) != (first.build, first.perception):
+        if (one.build, one.perception, one.moved) != (first.build, first.perception, first.moved):
             what = "build" if one.build != first.build else "perception model"
+            if (one.build, one.perception) == (first.build, first.perception):
+                what = f"vehicle model or traffic ({one.moved})"
             raise InputError(
                 folder, f"is of another {what} than {given[0][0]}", "Cover a space by one of each."
             )

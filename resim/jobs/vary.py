@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 
 from resim.core.errors import InputError, ResimError
-from resim.core.files import file_hash
+from resim.core.files import check_hashes, file_hash
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
@@ -30,7 +30,7 @@ from resim.scenario.jscen import write_jscen
 from resim.scenario.scenario import Scenario
 from resim.variations.origin import the_origin
 from resim.variations.page.variations import write_variation_page
-from resim.variations.plan import make_plan, verified_ranges
+from resim.variations.plan import make_plan, verified_for, verified_ranges
 from resim.variations.report import MARK, VariationInputs, VariationReport
 from resim.variations.rows import OriginNames, file_name, rejected_frame, variation_frame
 from resim.variations.search import (
@@ -140,7 +140,9 @@ def read_variations(folder: str | Path) -> Variations:
         InputError: It is none, or was changed.
     """
     where = path_of(folder)
-    return Variations(where, read_sealed_json(where / MARK, VariationReport, "resim vary", REMEDY))
+    report = read_sealed_json(where / MARK, VariationReport, "resim vary", REMEDY)
+    check_hashes(where, report.files, REMEDY)
+    return Variations(where, report)
 
 
 def _found(
@@ -179,14 +181,20 @@ def _ordered(tasks: Sequence[VariationTask], workers: int) -> Iterator[list[Foun
 def _trust(
     plan: VariationPlan, found: Sequence[FoundVariation], measured: Recording, options: VaryOptions
 ) -> list[Trust]:
-    kept = [one.drive for one in found if not one.rejected and one.drive is not None]
+    kept = [(one.drive, _other(one)) for one in found if not one.rejected and one.drive is not None]
     if options.verified is None:
         return [UNVERIFIED] * len(kept)
     ranges = verified_ranges(path_of(options.verified), plan.hash)
     if not ranges:
         return [Trust("unknown", "the verification has no range of this recording")] * len(kept)
     origin = the_origin(plan.scenario, load(measured.map), plan.kernels, plan.maneuvers)
-    return [judged_trust(origin.motions, one.motions, ranges) for one in kept]
+    return [judged_trust(origin.motions, one.motions, ranges, other) for one, other in kept]
+
+
+def _other(one: FoundVariation) -> str:
+    """What is not as in the origin beside how objects move, "" for nothing."""
+    sizes = [f"object {name} is a {kind} of {length:g} m" for name, kind, length, _ in one.sizes]
+    return "; ".join([*sizes, *(["its weather is another one"] if one.environment else [])])
 
 
 def _write(
@@ -216,16 +224,18 @@ def _write(
     report = VariationReport(
         "resim-variations-1", versions(), inputs, len(frame), len(found),
         dict(Counter(one.rejected for one in found if one.rejected).most_common()),
-        dict(Counter(one.level for one in trust).most_common()), tuple(_notes(plan, counts + discrete)), files,
+        dict(Counter(one.level for one in trust).most_common()), tuple(_notes(plan, counts + discrete, options)), files,
     )  # fmt: skip
     write_json(sealed(to_json(report)), folder / MARK)
     return report
 
 
-def _notes(plan: VariationPlan, dimensions: int) -> Iterator[str]:
+def _notes(plan: VariationPlan, dimensions: int, options: VaryOptions) -> Iterator[str]:
     if plan.kernels.data != "real":
         yield "the kernels come from synthetic drives: nothing is claimed of how humans drive"
     yield f"{dimensions} dimensions are varied together"
+    if options.verified is not None:
+        yield f"trust holds for {verified_for(path_of(options.verified))} alone"
 
 
 def _write_scenarios(folder: Path, road: Path, origin: Scenario, found: Sequence[FoundVariation]) -> None:

@@ -35,6 +35,9 @@ LEVEL = 2.5
 """m of height up to which a sample with a height is on a lane, where another lane is nearer in height."""
 OFF_HEADING, OFF_CENTRE = 2.0, 0.2
 """What a lane costs that a sample may be on: by radian against its direction, by metre off its centre."""
+FORAY, BESIDE = 0.2, 0.25
+"""s for which, and m up to which, a sample may be beyond the border of its lane if it comes back: noise, no lane change
+(our choice). Longer or further beyond it is on the lane that it is in."""
 LEAST_WEIGHT, MOST_WEIGHT = 0.02, 1.0
 """m: a sample's costs count by the way since the one before, at least and at most so much."""
 CONTINUES, CROSSES, BREAKS = 0, 1, 2
@@ -143,16 +146,18 @@ def features(tracks: Tracks, network: RoadNetwork, reach: SlotReach = PUBLISHED_
     own = samples.heading[places.point]
     off = np.abs(wrap_angle(heading - own))
     with_lane = off <= 0.5 * np.pi
+    weights = _weights(samples)
     graph = kernel.LaneGraph(
         *lanes.after, *lanes.before, lanes.stations.length, table.forward, lanes.left, lanes.right
     )
     sign = np.where(table.forward[places.row], 1.0, -1.0)
     t = places.t * sign
     candidates = kernel.LaneCandidates(
-        first, places.row, with_lane, heading, t, OFF_HEADING * off + OFF_CENTRE * np.abs(t)
-    )
+        first, places.row, with_lane, heading, t,
+        OFF_HEADING * off + OFF_CENTRE * np.abs(t) + _beside(samples, places, weights),
+    )  # fmt: skip
     followed = kernel.FollowedLanes(np.zeros(len(samples), np.int8), np.zeros(len(samples), np.int16))
-    driven = kernel.DrivenSamples(samples.x, samples.y, _weights(samples), samples.piece)
+    driven = kernel.DrivenSamples(samples.x, samples.y, weights, samples.piece)
     chosen = kernel.choose(graph, candidates, driven, followed)
     found = _assemble(
         samples, lanes, places, chosen, (with_lane, heading, t), (followed.kind, followed.count)
@@ -167,15 +172,19 @@ def _places(samples: Samples, lanes: MinedLanes) -> tuple[LanePlaces, Ints]:
     parts = []
     for low in range(0, len(samples), CHUNK):
         of = slice(low, low + CHUNK)
-        found = network.lanes_at(samples.x[of], samples.y[of])
+        found = network.lanes_at(samples.x[of], samples.y[of], beyond=BESIDE)
         table = network.lane_table
         keep = table.drivable[found.row] & (table.lane[found.row] != 0)
         if heights is not None:
             keep &= _at_height(network, found, heights[of])
-        parts.append((found.point[keep] + low, found.row[keep], found.s[keep], found.t[keep]))
-    empty = np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0), np.zeros(0)
-    point, row, s, t = (np.concatenate(column) for column in zip(*(parts or [empty]), strict=True))
-    places = LanePlaces(point, row.astype(np.int32), s, t)
+        held = np.zeros(len(samples.x[of]), dtype=bool)
+        held[found.point[keep & (found.beyond == 0.0)]] = True
+        keep &= held[found.point]  # who is on no lane is not on one beside
+        columns = (found.point + low, found.row, found.s, found.t, found.beyond)
+        parts.append(tuple(column[keep] for column in columns))
+    empty = np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0), np.zeros(0), np.zeros(0)
+    point, row, s, t, beyond = (np.concatenate(column) for column in zip(*(parts or [empty]), strict=True))
+    places = LanePlaces(point, row.astype(np.int32), s, t, beyond)
     return places, np.searchsorted(point, np.arange(len(samples) + 1))
 
 
@@ -204,6 +213,20 @@ def _lane_headings(lanes: MinedLanes, places: LanePlaces) -> Floats:
         whole = np.minimum(np.maximum(places.s[of], table.start[row]), table.end[row] - 1e-9)
         out[of] = network.lane_heading(names[table.road[row]], table.lane[row], whole)
     return out
+
+
+def _beside(samples: Samples, places: LanePlaces, weights: Floats) -> Floats:
+    """What lanes (M,) cost a metre whose border a sample is beyond: in FORAY as much as going over it and back.
+
+    Within FORAY of where a track begins or ends nobody knows whether it comes back.
+    """
+    # compiled: numba is imported where it is used only
+    from resim.mining import kernel
+
+    t, begin, end = samples.t, samples.piece[:-1], samples.piece[1:] - 1
+    inside = (t >= t[begin][samples.piece_of] + FORAY) & (t <= t[end][samples.piece_of] - FORAY)
+    cost = np.where(inside, 2.0 * kernel.CROSSING / FORAY * np.diff(t, prepend=-np.inf), np.inf)
+    return np.where(places.beyond > 0.0, (cost / weights)[places.point], 0.0)
 
 
 def _weights(samples: Samples) -> Floats:

@@ -11,6 +11,14 @@ from resim.core.geometry import Bools, Floats
 from resim.mining.samples import Ints
 
 
+def changes(*columns: NDArray[np.generic]) -> Ints:
+    """Count the samples (K,) at which any of the columns (K,) changes."""
+    new = np.zeros(len(columns[0]), dtype=bool)
+    for column in columns:
+        new[1:] |= column[1:] != column[:-1]
+    return np.cumsum(new)
+
+
 def stretches(holds: Bools, group: NDArray[np.generic]) -> tuple[Ints, Ints]:
     """Give the first and last samples (R,), (R,) of the longest stretches that hold and are of one group (K,)."""
     if not len(holds):

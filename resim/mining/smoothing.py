@@ -1,10 +1,11 @@
-"""Slopes of noisy values: a straight line through as many samples as their own noise asks for.
+"""Slopes and limits of noisy values: over as many samples as their own noise asks for.
 
 Wagner's threshold of 0.03 m/s means nothing to positions with 0.1 m of noise, differenced at 25 Hz: they fall below it
 in 0.7 % of samples. So noise is measured, of each piece of a track by its own fourth differences, in which motion is
 next to nothing, and the line is through as many samples as bring the slope's standard deviation down to a precision:
 clean data get three samples, and keep their moments exactly; noisy ones up to LONGEST to each side. Noise that lasts
-longer than that is motion.
+longer than that is motion. So with limits: a distance just above what is required would fall below it in every other
+sample.
 """
 
 from __future__ import annotations
@@ -12,10 +13,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resim.core.geometry import Floats
+from resim.core.geometry import Bools, Floats
+from resim.mining.runs import stretches
 
 LONGEST = 1.0
 """s to each side that a line reaches at most (our choice): a quarter of a lane change."""
+FINE, AVERAGED = 0.01, 0.5
+"""Standard deviation (of the values' unit) to which values are averaged, and s to each side at most (our choice)."""
+BEYOND = 3.0
+"""Standard deviations of an average beyond which it is below a limit, or above it again (our choice)."""
+FEWEST = 8
+"""Samples of which noise can be told."""
 NORMAL = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
@@ -44,11 +52,56 @@ def half_widths(
     """
     half = np.ones(len(first) - 1, dtype=np.intp)
     for p, (low, high) in enumerate(zip(first[:-1].tolist(), first[1:].tolist(), strict=True)):
-        if high - low < 8:
+        if high - low < FEWEST:
             continue
-        fourth = np.diff(values[low:high], 4)
-        sigma = NORMAL * float(np.median(np.abs(fourth))) / np.sqrt(70.0)
+        sigma = _noise(values[low:high])
         dt = float(np.median(np.diff(t[low:high])))
         wanted = np.cbrt(12.0 * (sigma / (precision * dt)) ** 2)
         half[p] = min(max(int(np.ceil(0.5 * (wanted - 1.0))), 1), max(int(LONGEST / dt), 1))
     return half
+
+
+def below(t: Floats, values: Floats, piece: NDArray[np.integer]) -> Bools:
+    """Say in which samples (K,) values (K,) are below 0, noise apart: of exact ones just those that are.
+
+    Values are averaged, and are below 0 from where their average is surely so to where it surely is no more.
+    piece (K,): what belongs together, in order; values are finite in all of a piece, or in none, where they are never
+    below.
+    """
+    low, sure = np.zeros(len(t), dtype=bool), np.zeros(len(t), dtype=bool)
+    if not len(t):
+        return low
+    first = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [len(t)]])
+    for begin, end in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
+        own = values[begin:end]
+        if not np.isfinite(own[0]) or own.min() >= 0.0:
+            continue
+        if end - begin >= FEWEST:
+            mean, band = _averaged(own, float(np.median(np.diff(t[begin:end]))))
+        else:
+            mean, band = own, np.zeros(len(own))
+        low[begin:end], sure[begin:end] = mean < band, mean < -band
+    begin, last = stretches(low, piece)
+    some = np.concatenate([[0], np.cumsum(sure)])
+    out = np.zeros(len(t) + 1, dtype=np.intp)
+    kept = some[last + 1] > some[begin]
+    np.add.at(out, begin[kept], 1)
+    np.add.at(out, last[kept] + 1, -1)
+    return np.cumsum(out)[:-1] > 0
+
+
+def _noise(values: Floats) -> float:
+    """The standard deviation of the white noise in values (K,), by their fourth differences."""
+    return NORMAL * float(np.median(np.abs(np.diff(values, 4)))) / float(np.sqrt(70.0))
+
+
+def _averaged(values: Floats, dt: float) -> tuple[Floats, Floats]:
+    """Averages (K,) of values (K,), `dt` [s] apart, to a deviation of FINE, and how far off (K,) each may be."""
+    count, sigma = len(values), _noise(values)
+    half = min(int(np.ceil(0.5 * ((sigma / FINE) ** 2 - 1.0))), int(AVERAGED / dt), count)
+    k = np.arange(count)
+    reach = np.minimum(max(half, 0), np.minimum(k, count - 1 - k))
+    total = np.concatenate([[0.0], np.cumsum(values - values[0])])
+    counted = 2.0 * reach + 1.0
+    mean = (total[k + reach + 1] - total[k - reach]) / counted + values[0]
+    return np.where(reach > 0, mean, values), BEYOND * sigma / np.sqrt(counted)

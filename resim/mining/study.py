@@ -45,6 +45,7 @@ from resim.recordings import Recording, read_tables
 from resim.recordings.checked import finding_lines, load_checked
 from resim.recordings.content import content_hash
 from resim.recordings.tables import read_parquet
+from resim.resimulation import AssessmentOptions, assess_recording
 from resim.results import write_json, write_parquet
 from resim.road.opendrive import RoadNetwork, load
 
@@ -80,6 +81,9 @@ class MinedPart:
         ego: Its id.
         build: The build that drove it, None where a person did or nobody says.
         build_hash: Hash of that build.
+        ended: When [s] its EGO's drive broke off (a collision, the road's edge, the function), None where it did not.
+        collided: Whether its EGO did, of a drive of a build; None of others, and where somebody may have been hit
+            unseen.
         map: Name of the map, with the beginning of its hash.
     """
 
@@ -103,6 +107,8 @@ class MinedPart:
     ego: str | None = None
     build: str | None = None
     build_hash: str | None = None
+    ended: float | None = None
+    collided: bool | None = None
     map: str | None = None
 
 
@@ -336,8 +342,24 @@ def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[
         lifetime=float((last - first)[drives].mean()) if drives.any() else None,
         ego_hours=float(dt[own].sum()) / 3600.0, ego_kilometres=float(way[own].sum()) / 1000.0,
         ego=mined.recording.ego, build=mined.recording.build, build_hash=mined.recording.build_hash,
-        map=map_folder(mined.recording.map),
+        ended=_broke_off(mined.recording), collided=_collided(mined.recording), map=map_folder(mined.recording.map),
     )  # fmt: skip
+
+
+def _broke_off(recording: Recording) -> float | None:
+    """When the drive of a function ended early, as whoever made the recording says; None where it did not."""
+    if not recording.provenance.get("ended"):
+        return None
+    gt = recording.gt
+    return float(gt.t[gt.valid[gt.index(recording.ego)]][-1])
+
+
+def _collided(recording: Recording) -> bool | None:
+    """Whether the EGO of a build's drive collides, also with whoever is missing at that time: labels see rows alone."""
+    if recording.build is None:
+        return None
+    found = assess_recording(recording, AssessmentOptions(only=("collision",))).blocks["GT"]
+    return True if found.contacts else False if found.clear else None
 
 
 def _others(first: np.ndarray, last: np.ndarray) -> float:

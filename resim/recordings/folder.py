@@ -15,7 +15,7 @@ from resim.recordings.present import existing_map, ground_truth, table_file
 from resim.recordings.recording import Recording
 from resim.recordings.settings import SETTINGS, Settings, read_settings, settings_text
 from resim.recordings.source import RecordingTables, recording_of
-from resim.recordings.tables import read_table, read_track_table, row_problem, write_parquet
+from resim.recordings.tables import check_readable, read_table, read_track_table, row_problem, write_parquet
 
 
 def read_tables(folder: Path) -> RecordingTables:
@@ -63,9 +63,13 @@ def write_tables(
     parquet: as Parquet, which takes a third of the space, and not as CSV.
 
     The map is copied into it; with map_reference, a path relative to the folder, the folder refers to that
-    file instead. Raises InputError where the folder exists and is not empty, or there is no such map.
+    file instead. Raises InputError where the folder exists and is not empty, there is no such map, or a table holds
+    what could not be read again.
     """
     folder = Path(folder)
+    for file, table in ((tables.gt_file, tables.gt), (tables.sd_file, tables.sd)):
+        if table is not None:
+            check_readable(file, table)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(folder, "exists already", "Name a new folder: a recording is never replaced.")
     road = tables.map if map_reference is None else Path(os.path.normpath(folder / map_reference))

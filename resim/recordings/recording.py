@@ -16,8 +16,8 @@ from resim.core.geometry import Floats
 from resim.core.tracks import Strings, Tracks
 from resim.recordings.identity import DetectionSpread, name_by_ground_truth
 
-FINEST = 1e-4
-"""Least time [s] between samples."""
+FINEST, COARSEST = 1e-4, 1e3
+"""Least and largest usual time [s] between samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def sample_rate(source: Path, tracks: Tracks) -> float:
     if not len(steps):
         raise InputError(source, "no object has two samples", "A recording needs motion: give every sample.")
     step = float(np.median(steps))
-    if step < FINEST:
-        problem = f"samples are {step:g} s apart, expected {FINEST:g} s or more"
+    if not FINEST <= step <= COARSEST:
+        problem = f"samples are {step:g} s apart, expected {FINEST:g} to {COARSEST:g} s"
         raise InputError(source, problem, "Give t in seconds.")
     return round(1.0 / step, 6)

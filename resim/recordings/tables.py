@@ -33,6 +33,8 @@ VALUES = ("x", "y", "heading", "v")
 BIGGEST = 1e12
 """Largest number [of any unit] in a table: squares and cubes of larger ones are none any more."""
 
+MOST_COLUMNS, LONGEST_HEADER = 5_000, 10_000_000
+"""Columns of a table, and bytes of its first line that are looked at: pandas is slow with more."""
 MOST_TURNED = 1e4
 """Largest heading [rad], for those that count turns; also what SUMO brings into one turn without a hang."""
 
@@ -63,6 +65,27 @@ def check_tracks(path: Path, frame: pd.DataFrame) -> None:
     """
     _check_terms(path, frame)
     check_times(path, frame)
+
+
+def check_readable(path: Path, frame: pd.DataFrame) -> None:
+    """Refuse in rows that are to be written what `read_track_table` would refuse in them.
+
+    frame: track table as `read_track_table` gives it. Raises InputError naming `path`, where the rows are from.
+    """
+    if not frame.index.is_unique:
+        frame = frame.reset_index(drop=True)
+    names = {name: _is_name(name) for name in frame["id"].unique()}
+    _refuse(path, frame, ~frame["id"].map(names), "id", "a name of one line that UTF-8 can hold")
+    for column in (c for c in frame.columns if c not in TEXT):
+        _numbers(path, frame, column, required=column in COLUMNS and column not in VALUES)
+    _check_terms(path, frame)
+
+
+def _is_name(name: str) -> bool:
+    try:
+        return len(name.splitlines()) == 1 and bool(name.encode())
+    except UnicodeEncodeError:
+        return False
 
 
 def check_complete(path: Path, frame: pd.DataFrame) -> None:
@@ -141,6 +164,10 @@ def _read_csv(path: Path, numbers: Sequence[str], text: Sequence[str]) -> pd.Dat
         raise InputError(path, "there is no such file", "Check the path.")
     if not path.stat().st_size:
         raise InputError(path, "is empty (0 bytes)", "Write a header line and one row per time and object.")
+    with path.open("rb") as file:
+        if (count := file.readline(LONGEST_HEADER).count(b",") + 1) > MOST_COLUMNS:
+            problem = f"has {count:,} columns or more, up to {MOST_COLUMNS:,} are read"
+            raise InputError(path, problem, "Keep those of the format.")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)

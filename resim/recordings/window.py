@@ -66,8 +66,16 @@ def asked_window(
 
     Raises InputError where a start or end is not within the EGO's times.
     """
-    window_of(times_of(frame, source, ego), source, ego=ego, start=start, end=end)
-    return limits(start, end)
+    window = window_of(times_of(frame, source, ego), source, ego=ego, start=start, end=end)
+    low, high = limits(start, end)
+    if not frame.loc[frame["id"] == ego, "t"].between(low, high).any():
+        raise _between_samples(source, ego, window)
+    return low, high
+
+
+def _between_samples(source: Path, ego: str, window: tuple[float, float]) -> InputError:
+    problem = f"ego {ego!r} has no sample from {window[0]:g} to {window[1]:g} s: the window lies between two"
+    return InputError(source, problem, "Choose a start and an end that are further apart.")
 
 
 def cut_window(
@@ -82,6 +90,8 @@ def cut_window(
     start, end = window_of(own, source, ego=ego, start=start, end=end)
     rows = frame[(frame["t"] >= start - TICK) & (frame["t"] <= end + TICK)]
     times, seen = np.unique(rows["t"]), rows.loc[rows["id"] == ego, "t"]
+    if not len(seen):
+        raise _between_samples(source, ego, (start, end))
     if len(gap := np.setdiff1d(times, seen)):
         problem = f"ego {ego!r} is missing at t {gap[0]:g} s ({len(gap)} of {len(times)} times)"
         raise InputError(source, problem, "Choose a window in which it is always present.")

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from resim.core.errors import ResimError
 from resim.core.geometry import Floats
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.tracks import Tracks
@@ -99,6 +100,8 @@ def _told(task: DriveTask, drive: SimulatedDrive) -> DrivenVehicle:
     build, truth, end = drive.case.build, drive.truth, float(drive.truth.t[-1])
     truth = truth.select(truth.ids[truth.valid.any(axis=1)])
     seen = [one for one in drive.perceived if -1e-9 <= one.t <= end + 1e-9]
+    if not seen:
+        raise ResimError(f"the EGO {task.ego} was not driven at all: {_end(drive)}")
     ended = "" if drive.end == "duration" else f"at {end:.2f} s by {_end(drive)}"
     return DrivenVehicle(
         truth, sensed_tracks(seen, truth, task.ego), build.label, build.hash, planned(drive, end), drive.handed_over,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -215,15 +216,28 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
     for source in sources:
         if source.hash in {one.hash for one in entries}:
             raise InputError(source.folder, "is in the space already", "Name each mined folder once.")
+        _refuse_twice(source, entries)
         driven = np.array([(one.hours, one.kilometres) for one in entries]).reshape(-1, 2).sum(axis=0)
         entry = _entry(source, _free(source.name, {one.name for one in entries}), batch)
         frames.append(_frame(source, entry, (occasions, driven, taken), space.settings))
         occasions += len(source.rows)
         taken |= set(frames[-1]["scenario"])
         entries.append(entry)
-        traces.append(source.traces)
+        traces.append(replace(source.traces, names=frames[-1]["scenario"].to_numpy(str)))
     rows = pd.concat(frames, ignore_index=True) if frames else space.rows
     return replace(space, sources=tuple(entries), rows=rows, traces=joined(traces))
+
+
+def _refuse_twice(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
+    """Raise InputError where a recording was mined twice: its hours and kinds would count twice."""
+    known = {content for one in entries for content in one.recordings}
+    for one in source.recordings:
+        if one.content and one.content in known:
+            problem = f"recording {one.name} is in the space already"
+            raise InputError(
+                source.folder, problem, "A drive counts once: mine each recording into one folder."
+            )
+        known.add(one.content)
 
 
 def _free(name: str, taken: set[str]) -> str:
@@ -240,7 +254,16 @@ def _entry(source: MinedSource, name: str, batch: int) -> SourceEntry:
         sum(one.hours for one in source.recordings), sum(one.kilometres for one in source.recordings), len(rows),
         int(rows["occasion"].nunique()), len(source.left_out),
         float((rows["build"] != "").mean()) if len(rows) else math.nan,
+        tuple(one.content for one in source.recordings if one.content), source.failed, _accidents(source),
     )  # fmt: skip
+
+
+def _accidents(source: MinedSource) -> dict[str, int]:
+    """Accidents of test drives that are in no scenario, by build."""
+    found = Counter[str]()
+    for one in source.recordings:
+        found[one.build] += one.accidents
+    return {build: count for build, count in sorted(found.items()) if build and count}
 
 
 def _frame(

@@ -60,9 +60,9 @@ class ReliabilityReport:
 def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
     """Compare predicted risk (K,) with collisions (K,), 1 or 0; NaN where either is not known.
 
-    A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, so that
-    what is missing never makes it better; that they are too low is told of known ones alone. Predictions that are
-    too high are on the safe side.
+    A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, and
+    neither is one of the drives that a bin needs, so that what is missing never makes it better; that they are too low
+    is told of known ones alone. Predictions that are too high are on the safe side.
     """
     unknown = np.isnan(predicted) | np.isnan(collided)
     told, hit = np.nan_to_num(predicted, nan=0.0), np.nan_to_num(collided, nan=1.0)
@@ -78,7 +78,7 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
         known = mine & ~unknown
         if known.any() and mean < share(float(hit[known].sum()), float(known.sum()), confidence).low:
             verdict = "too low"
-        elif mean < found.low or mine.sum() < LEAST:
+        elif mean < found.low or known.sum() < LEAST:
             verdict = "not shown"
         near = IntervalEstimate(mean, float(told[mine].min()), float(told[mine].max()), 1.0)
         bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
@@ -93,4 +93,4 @@ def believed(report: ReliabilityReport | None, risk: float) -> bool:
     """Say whether a predicted risk lies in a bin that is calibrated."""
     if report is None or report.verdict != "calibrated" or not np.isfinite(risk):
         return False
-    return any(one.low <= risk <= one.high for one in report.bins)
+    return any(one.low <= risk < one.high or risk == one.high == EDGES[-1] for one in report.bins)

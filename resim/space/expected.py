@@ -19,6 +19,7 @@ from scipy.special import gammaincinv
 
 from resim.core.geometry import Floats
 from resim.core.intervals import exact
+from resim.space.calibration import ReliabilityReport, believed
 from resim.space.risk import ClusterRisk
 from resim.space.statistics.rates import IntervalEstimate, poisson_limits, spread_of
 from resim.space.statistics.unseen import unseen_share
@@ -68,11 +69,13 @@ class AccidentTerms(NamedTuple):
     unseen: float
 
 
-def risk_limit(one: ClusterRisk | None, alpha: float, least: int, *, believed: bool) -> RiskLimit:
+def risk_limit(
+    one: ClusterRisk | None, alpha: float, least: int, calibration: ReliabilityReport | None
+) -> RiskLimit:  # fmt: skip
     """Give the risk of a scenario of a cluster with limits of error probability alpha each.
 
     Members that do not count may make the upper limit larger, never smaller: it is the largest that any of them
-    together with those that count would give. believed: whether predicted risk is calibrated.
+    together with those that count would give. calibration: of predicted risk; it is believed in bins that it covers.
     """
     if one is None or not one.values:
         return RiskLimit(np.nan, 0.0, 1.0, False)
@@ -82,7 +85,7 @@ def risk_limit(one: ClusterRisk | None, alpha: float, least: int, *, believed: b
     sums = total + np.concatenate([[0.0], np.cumsum(one.beside)])
     counts = count + np.arange(len(sums))
     high = float(exact(np.minimum(sums / counts, 1.0), counts, confidence=confidence)[1].max())
-    known = believed and count >= least
+    known = believed(calibration, total / count) and count >= least
     return RiskLimit(total / count, low, high if known else 1.0, known)
 
 
@@ -156,8 +159,9 @@ def _lower(weights: Floats, driven: float, alpha: float) -> float:
 
 
 def risk_limits(
-    names: Sequence[str], risks: Mapping[str, ClusterRisk], confidence: float, least: int, *, believed: bool
-) -> list[RiskLimit]:
+    names: Sequence[str], risks: Mapping[str, ClusterRisk], confidence: float, least: int,
+    calibration: ReliabilityReport | None,
+) -> list[RiskLimit]:  # fmt: skip
     """Give the risk of every cluster by name, all limits together with a third of the error."""
     alpha = (1.0 - confidence) / 3.0 / max(len(names), 1)
-    return [risk_limit(risks.get(name), alpha, least, believed=believed) for name in names]
+    return [risk_limit(risks.get(name), alpha, least, calibration) for name in names]

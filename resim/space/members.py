@@ -53,6 +53,8 @@ class SimulatedRun:
         changed: What of build and perception differs from what was verified, "" for nothing.
         trust: `inside`, `outside` or `unknown` of a variation, `inside` of what was not varied.
         repeat: Command that repeats it.
+        same: What tells it from other runs, by whatever command they were done; "" where nobody says. Runs that share
+            it are one: no evidence of each other.
     """
 
     name: str
@@ -64,6 +66,7 @@ class SimulatedRun:
     changed: str = ""
     trust: str = INSIDE
     repeat: str = ""
+    same: str = ""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ class TestDrive:
         perception: Hash of the perception model, "" without one.
         verdict: Of its verification.
         own: Whether the build under test drove it; people's drives are no test drives.
+        accident: Whether its EGO collided in the measured drive, the drive broke off, or nobody says that it did not.
     """
 
     __test__ = False
@@ -87,6 +91,7 @@ class TestDrive:
     perception: str
     verdict: str
     own: bool
+    accident: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +128,18 @@ def judged_members(
     """Give a row per simulated run with MEMBER_COLUMNS. within: slot distance to a verified drive, at most."""
     cluster = clusters_of(space, known)
     legitimate: dict[tuple[str, str, str], Legitimacy] = {}
-    rows = []
+    rows, first = [], dict[str, str]()
     for run in runs:
         key = run.recording, run.build, run.perception
         if key not in legitimate:
             legitimate[key] = _legitimacy(space, key, cluster.get(run.recording, ""), (drives, known, within))
         found = legitimate[key]
-        why = found.why or _own_reason(run) or ("" if cluster.get(run.recording) else "is in no cluster")
+        why = (
+            _twin(run, first)
+            or found.why
+            or _own_reason(run)
+            or ("" if cluster.get(run.recording) else "is in no cluster")
+        )
         rows.append(
             (run.name, known.scenario.get(run.recording) or run.recording, cluster.get(run.recording, ""), found.drive,
              found.distance, run.risk, run.collided, not why, why, run.repeat)
@@ -138,6 +148,16 @@ def judged_members(
     texts = ("member", "origin", "cluster", "drive", "why", "repeat")
     types = dict.fromkeys(texts, "string") | {"drive_distance": "float64", "risk": "float64"}
     return frame.astype({**types, "collided": "boolean", "counts": "bool"})
+
+
+def _twin(run: SimulatedRun, first: dict[str, str]) -> str:
+    """The reason against a run that is there already. first: name of the first run of each kind, which is filled."""
+    if not run.same:
+        return ""
+    if (before := first.get(run.same)) is None:
+        first[run.same] = run.name
+        return ""
+    return f"it is the same run as {before}"
 
 
 def _own_reason(run: SimulatedRun) -> str:
@@ -186,6 +206,13 @@ def _legitimacy(
         else f"the nearest verified test drive is {distance:.2f} away, at most {within:g} counts"
     )
     return Legitimacy(good[k].name, distance, why)
+
+
+def not_mined(space: Space, drives: Sequence[TestDrive], known: DrivenTraces) -> int:
+    """Count the build's test drives with an accident of which the space holds neither the drive nor a scenario."""
+    mined = {content for one in space.sources for content in one.recordings}
+    left = {one.recording for one in drives if one.own and one.accident} - mined
+    return sum(not known.scenario.get(recording) for recording in left)
 
 
 def _origins(space: Space, recording: str, cluster: str, known: DrivenTraces) -> SlotTraces:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -11,6 +11,7 @@ import numpy as np
 
 from resim.core.provenance import versions
 from resim.core.spec import EXACT, NumberOrNan
+from resim.space.calibration import ReliabilityReport
 from resim.space.expected import (
     AccidentTerms,
     ExposedScenarios,
@@ -154,7 +155,8 @@ class ReleaseCase:
         names: Of the C clusters.
         exposed: Scenarios that were measured.
         risks: Of the clusters, by name.
-        believed: Whether predicted risk is calibrated.
+        calibration: Of predicted risk, None without one.
+        unknown: What happened on drives and is in no scenario: sentences, none where there is nothing.
         driven: h and km.
         limits: What is asked for.
     """
@@ -162,17 +164,21 @@ class ReleaseCase:
     names: tuple[str, ...]
     exposed: ExposedScenarios
     risks: Mapping[str, ClusterRisk]
-    believed: bool
+    calibration: ReliabilityReport | None
+    unknown: tuple[str, ...]
     driven: Mapping[Per, float]
     limits: ReleaseLimits
+
+    @property
+    def believed(self) -> bool:
+        """Whether predicted risk is calibrated."""
+        return self.calibration is not None and self.calibration.verdict == "calibrated"
 
     @cached_property
     def risk(self) -> list[RiskLimit]:
         """The risk of a scenario of each cluster (C,)."""
         told = self.limits
-        return risk_limits(
-            self.names, self.risks, told.confidence, told.least_members, believed=self.believed
-        )
+        return risk_limits(self.names, self.risks, told.confidence, told.least_members, self.calibration)
 
     def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
         """Give expected accidents, without clusters that are left out of the ODD."""
@@ -190,9 +196,26 @@ def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits)
     hours, kilometres = space.driven
     return ReleaseCase(
         tuple(names.tolist()), exposed, risks,
-        calibration is not None and calibration.verdict == "calibrated",
+        calibration, tuple(_unknown(space, cover)),
         {"hour": hours, "kilometre": kilometres}, limits,
     )  # fmt: skip
+
+
+def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
+    """What happened on drives of the space, and is in no scenario."""
+    build = "" if cover is None else cover.build
+    if accidents := sum(one.accidents.get(build, 0) for one in space.sources):
+        yield (
+            f"{accidents} collisions or ends of this build's test drives are in no scenario: mine them so that these "
+            "are cut out"
+        )
+    if cover is not None and cover.accidents:
+        yield (
+            f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
+            "and build it of them as well"
+        )
+    if failed := [name for one in space.sources for name in one.failed]:
+        yield f"{len(failed)} recordings could not be mined ({failed[0]}): what happened in them is not known"
 
 
 def decide(
@@ -202,7 +225,7 @@ def decide(
     case = release_case(space, cover, limits)
     terms = {per: case.accidents(per) for per in case.driven}
     checks = release_checks(case, terms)
-    verdict = verdict_of(checks, case.believed)
+    verdict = verdict_of(checks, case.believed, case.unknown)
     forbidding, remaining = _odd(space, case, verdict)
     plan = test_plan(case.names, case.exposed, case.risk, (case.driven["hour"], limits), _medoids(space))
     return ReleaseReport(
@@ -235,11 +258,14 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
     return tuple(out)
 
 
-def verdict_of(checks: Sequence[ReleaseCheck], believed: bool) -> ReleaseVerdict:
-    """Give the verdict: a limit on accidents that is shown to be exceeded is `bad`, whatever else is not known."""
+def verdict_of(checks: Sequence[ReleaseCheck], believed: bool, unknown: Sequence[str] = ()) -> ReleaseVerdict:
+    """Give the verdict: a limit on accidents that is shown to be exceeded is `bad`, whatever else is not known.
+
+    unknown: what happened and is in no scenario; with anything of it nothing is good.
+    """
     if any(one.exceeded for one in checks if one.name.startswith("accidents")) and believed:
         return "bad"
-    return "good" if believed and all(one.met for one in checks) else "not shown"
+    return "good" if believed and not unknown and all(one.met for one in checks) else "not shown"
 
 
 def _budget(per: Per, found: AccidentTerms, limits: ReleaseLimits) -> AccidentBudget:
@@ -297,7 +323,7 @@ def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:
         return f"no member counts{reasons}"
     if len(one.values) < case.limits.least_members:
         return f"{len(one.values)} members count, at least {case.limits.least_members} are needed"
-    return "its risk is not calibrated"
+    return "its risk is not calibrated: there are not enough held-out drives with such a risk"
 
 
 def _medoids(space: Space) -> dict[str, str]:
@@ -310,7 +336,7 @@ def _statement(case: ReleaseCase, verdict: ReleaseVerdict, checks: Sequence[Rele
         open_checks = [one for one in checks if not one.met]
         told = "; ".join(f"{one.name}: {_found(one)}, asked for {one.limit:.3g}" for one in open_checks)
         calibrated = "" if case.believed else "predicted risk is not calibrated against held-out drives"
-        why = "; ".join(part for part in (told, calibrated) if part)
+        why = "; ".join(part for part in (told, calibrated, *case.unknown) if part)
         return f"The function may not be released: {why}."
     seen, *accidents = checks
     numbers = ", ".join(f"at most {one.high:.3g} {one.name} (limit {one.limit:.3g})" for one in accidents)

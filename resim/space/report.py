@@ -29,6 +29,9 @@ class SourceEntry:
         occasions: How many there are if those that see the same maneuvers are one.
         left_out: Scenarios without slots.
         build_share: Share of its scenarios whose EGO a build drove.
+        recordings: Hashes of the content of its recordings.
+        failed: Recordings that could not be mined: what happened in them is not known.
+        accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
     """
 
     name: str
@@ -42,6 +45,9 @@ class SourceEntry:
     occasions: int
     left_out: int
     build_share: NumberOrNan
+    recordings: tuple[str, ...]
+    failed: tuple[str, ...]
+    accidents: Mapping[str, int]
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,7 @@ class CoverReport:
         perception: Hash of the perception model, "" without one.
         within: Slot distance to a verified test drive up to which members count.
         drives: How many test drives are verified.
+        accidents: How many of this build's test drives collide or break off and are not in the space.
         clusters: Risk of each cluster.
         calibration: Of predicted risk; None without held-out drives.
         notes: What is to be known to believe it.
@@ -91,15 +92,16 @@ class CoverReport:
     perception: str
     within: float
     drives: int
+    accidents: int
     clusters: tuple[ClusterRisk, ...]
     calibration: ReliabilityReport | None
     notes: tuple[str, ...]
 
 
-def cluster_risks(space: Space, members: pd.DataFrame, label: str) -> tuple[ClusterRisk, ...]:
-    """Give the risk of every cluster. members: as of members.parquet; label: of the build."""
+def cluster_risks(space: Space, members: pd.DataFrame, build: str) -> tuple[ClusterRisk, ...]:
+    """Give the risk of every cluster. members: as of members.parquet; build: its hash."""
     rows = space.rows
-    own = rows[(rows["build"] == label) & (label != "")] if len(rows) else rows
+    own = rows[(rows["build"] == build) & (build != "")] if len(rows) else rows
     driven = dict(tuple(own.groupby("cluster")))
     simulated = dict(tuple(members.groupby("cluster")))
     names = rows["cluster"].astype(str).unique().tolist()
@@ -151,10 +153,12 @@ def calibrated(
 ) -> ReliabilityReport:
     """Compare the risk of clusters, by their members that count, with the collisions of drives that were held out.
 
-    cluster: of recordings, by key. A held-out drive of no cluster, or of one without a risk, has no prediction.
+    cluster: of recordings, by key. A held-out drive of no cluster, of one without a risk, or that is not what was
+    verified has no prediction.
     """
     by_name = {one.cluster: one.risk.value for one in risks}
-    predicted = np.array([by_name.get(cluster.get(run.recording, ""), np.nan) for run in held], dtype=float)
+    of = ["" if run.changed else cluster.get(run.recording, "") for run in held]
+    predicted = np.array([by_name.get(name, np.nan) for name in of], dtype=float)
     collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
     return reliability(predicted, collided)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from resim.core.errors import InputError
-from resim.core.files import file_hash
+from resim.core.files import check_hashes, file_hash
 from resim.core.sealed import read_sealed
 from resim.recordings.tables import read_parquet
 from resim.space.traces import REMEDY, Ints, SlotTraces, read_traces
@@ -35,7 +35,10 @@ class DrivenRecording:
         kilometres: km likewise.
         map: Name and beginning of the hash of its map, "" where nobody says.
         ego: Id of the recording's own EGO.
-        build: The build that drove it, "" for a person or where nobody says.
+        build: Hash of the build that drove it, "" for a person or where nobody says.
+        content: Hash of its content, "" where nobody says.
+        accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario; 1
+            where nobody says that it did not collide.
     """
 
     name: str
@@ -44,6 +47,8 @@ class DrivenRecording:
     map: str
     ego: str
     build: str
+    content: str = ""
+    accidents: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +64,7 @@ class MinedSource:
         rows: A row per scenario that can be compared (`ROWS`).
         traces: Their slots, in the same order.
         left_out: Scenarios without a scene with their EGO.
+        failed: Recordings that could not be mined.
     """
 
     name: str
@@ -69,13 +75,15 @@ class MinedSource:
     rows: pd.DataFrame
     traces: SlotTraces
     left_out: tuple[str, ...]
+    failed: tuple[str, ...] = ()
 
 
 ROWS = (
     "scenario", "recording", "ego", "start", "end", "map", "road", "along_s", "lanes", "vehicles", "tag", "folder",
     "build", "collided", "occasion", "hours", "kilometres",
 )  # fmt: skip
-"""Columns of `MinedSource.rows`: build: that drove the EGO, "" for a person; collided: whether the EGO did in it;
+"""Columns of `MinedSource.rows`: build: hash of what drove the EGO, "" for a person; collided: whether the EGO did in
+it, or its drive broke off;
 occasion: scenarios of one number see the same maneuvers, from one vehicle or another; hours, kilometres: driven in the
 source until the scenario begins, NaN where nobody says."""
 
@@ -83,18 +91,33 @@ source until the scenario begins, NaN where nobody says."""
 def read_mined(folder: Path) -> MinedSource:
     """Read a folder of `resim mine`. Raises InputError where it is none, was changed, or has no slots."""
     told = read_sealed(folder / MARK, REMEDY)
+    check_hashes(folder, _hashes(told), REMEDY)
     frame, traces = read_parquet(folder / "scenarios.parquet"), read_traces(folder / "slots.parquet")
     maneuvers = read_parquet(folder / "maneuvers.parquet")
     try:
         egos = str(told.get("egos", "every"))
         recordings = tuple(_driven(part, egos) for part in told["parts"])
+        ended = {
+            str(part["recording"]): float(part["ended"])
+            for part in told["parts"]
+            if part.get("ended") is not None
+        }
+        unclear = {
+            str(part["recording"]) for part in told["parts"] if part.get("collided", False) is not False
+        }
+        failed = tuple(str(one["recording"]) for one in told["failures"])
         trigger = [str(label) for label in told["trigger"]]
     except (KeyError, TypeError, AttributeError) as e:
         raise InputError(folder / MARK, f"is not what `resim mine` writes ({e!r})", REMEDY) from e
     at = traces.rows_of(frame["scenario"].tolist())
     usable = (at >= 0) & (frame["recording"].isin([one.name for one in recordings])).to_numpy()
     left_out = tuple(frame["scenario"][~usable].astype(str))
-    rows = _rows(frame[usable].reset_index(drop=True), maneuvers, recordings, trigger)
+    seen = _Accidents(maneuvers, recordings, ended)
+    rows = _rows(frame[usable].reset_index(drop=True), maneuvers, recordings, trigger, seen)
+    recordings = tuple(
+        replace(one, accidents=max(seen.outside(one, rows), one.name in unclear and not seen.known(one)))
+        for one in recordings
+    )
     state = hashlib.sha256()
     for name in (MARK, *(f"{table}.parquet" for table in TABLES)):
         state.update(file_hash(folder / name).encode())
@@ -107,6 +130,7 @@ def read_mined(folder: Path) -> MinedSource:
         rows,
         traces.take(at[usable]),
         left_out,
+        failed,
     )
 
 
@@ -119,13 +143,14 @@ def _driven(part: Mapping[str, Any], egos: str) -> DrivenRecording:
     return DrivenRecording(
         str(part["recording"]), math.nan if hours is None else float(hours),
         math.nan if way is None else float(way), part.get("map") or "", part.get("ego") or "",
-        part.get("build") or "",
+        part.get("build_hash") or "", part.get("content") or "",
     )  # fmt: skip
 
 
 def _rows(
-    frame: pd.DataFrame, maneuvers: pd.DataFrame, recordings: tuple[DrivenRecording, ...], trigger: list[str]
-) -> pd.DataFrame:
+    frame: pd.DataFrame, maneuvers: pd.DataFrame, recordings: tuple[DrivenRecording, ...], trigger: list[str],
+    seen: _Accidents,
+) -> pd.DataFrame:  # fmt: skip
     """A row per scenario with ROWS."""
     by_name = {one.name: one for one in recordings}
     of = [by_name[str(name)] for name in frame["recording"]]
@@ -136,7 +161,7 @@ def _rows(
     ].assign(
         map=[one.map for one in of],
         build=[one.build if one.ego == name else "" for one, name in zip(of, ego, strict=True)],
-        collided=_collided(frame, maneuvers), occasion=_occasions(frame, maneuvers, trigger),
+        collided=seen.within(frame), occasion=_occasions(frame, maneuvers, trigger),
         hours=hours, kilometres=way,
     )  # fmt: skip
     return out[list(ROWS)]
@@ -170,16 +195,54 @@ def _within(frame: pd.DataFrame, maneuvers: pd.DataFrame) -> Iterable[tuple[int,
             yield row, own[(own["start"] >= start - 1e-6) & (own["end"] <= end + 1e-6)]
 
 
-def _collided(frame: pd.DataFrame, maneuvers: pd.DataFrame) -> np.ndarray:
-    """Whether the EGO of each scenario touches somebody in it."""
-    touched = maneuvers[maneuvers["label"] == COLLISION]
-    by_ego = dict(tuple(touched.groupby(["recording", "object"], sort=False)))
-    out = np.zeros(len(frame), dtype=bool)
-    for row, key in enumerate(zip(frame["recording"], frame["ego"], strict=True)):
-        if (own := by_ego.get(key)) is not None:
-            begin, end = frame["start"].iloc[row], frame["end"].iloc[row]
-            out[row] = bool(((own["start"] <= end) & (own["end"] >= begin)).any())
-    return out
+class _Accidents:
+    """When EGOs touch somebody, and when a function's drive broke off, by recording and object: (begin, end) [s]."""
+
+    def __init__(
+        self, maneuvers: pd.DataFrame, recordings: tuple[DrivenRecording, ...], ended: Mapping[str, float]
+    ) -> None:
+        self.spans: dict[tuple[str, str], list[tuple[float, float]]] = {}
+        touched = maneuvers[maneuvers["label"] == COLLISION]
+        columns = (touched[name].tolist() for name in ("recording", "object", "start", "end"))
+        for recording, name, start, end in zip(*columns, strict=True):
+            self.spans.setdefault((str(recording), str(name)), []).append((float(start), float(end)))
+        for one in recordings:
+            if one.name in ended:
+                at = ended[one.name]
+                self.spans.setdefault((one.name, one.ego), []).append((at, at))
+
+    def within(self, frame: pd.DataFrame) -> np.ndarray:
+        """Say of each scenario (N,) whether there is one in it."""
+        columns = (frame[name].tolist() for name in ("recording", "ego", "start", "end"))
+        return np.array(
+            [
+                any(_meet(span, start, end) for span in self.spans.get((str(recording), str(ego)), ()))
+                for recording, ego, start, end in zip(*columns, strict=True)
+            ],
+            dtype=bool,
+        )
+
+    def known(self, one: DrivenRecording) -> bool:
+        """Say whether there is any of a recording's own EGO."""
+        return (one.name, one.ego) in self.spans
+
+    def outside(self, one: DrivenRecording, rows: pd.DataFrame) -> int:
+        """Count those of a recording's own EGO that are in no scenario of it."""
+        own = rows[(rows["recording"] == one.name) & (rows["ego"] == one.ego)]
+        windows = list(zip(own["start"].tolist(), own["end"].tolist(), strict=True))
+        spans = self.spans.get((one.name, one.ego), ())
+        return sum(not any(_meet(span, *window) for window in windows) for span in spans)
+
+
+def _meet(span: tuple[float, float], start: float, end: float) -> bool:
+    return span[0] <= end + 1e-6 and span[1] >= start - 1e-6
+
+
+def _hashes(told: Mapping[str, Any]) -> dict[str, str]:
+    """The hashes of the tables, as the folder's report says them; a table without one is told as changed."""
+    files = told.get("files")
+    known = files if isinstance(files, dict) else {}
+    return {f"{name}.parquet": str(known.get(f"{name}.parquet", "")) for name in TABLES}
 
 
 def _occasions(frame: pd.DataFrame, maneuvers: pd.DataFrame, trigger: list[str]) -> Ints:

@@ -22,7 +22,7 @@ from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.engines import ENGINES, Fingerprint, is_repeated
 from resim.sweeps.one_run import PreparedRuns, prepare_sweep, run_together
 from resim.sweeps.sweep_file import EngineName
-from resim.sweeps.varied import VariedRuns, vary_recording
+from resim.sweeps.varied import SweptDriver, VariedRuns, vary_recording
 
 PRELOADED = ("resim.resimulation.run",)
 """What a child has before it starts."""
@@ -86,7 +86,9 @@ def run(tasks: RunBatch) -> tuple[RunResult, ...]:
     prepared = _prepared(task.folder, task.hash, task.criteria, task.accept)
     told: Row = {}
     if task.varied is not None:
-        varied, told = vary_recording(prepared.recording, task.hash, task.varied, dict(task.values))
+        seen = None if task.perception is None else task.perception.hash
+        setup = SweptDriver(task.build.hash, seen, task.vehicle, task.traffic)
+        varied, told = vary_recording(prepared.recording, task.hash, task.varied, dict(task.values), setup)
         prepared = replace(prepared, recording=varied)
     build = with_values(_build(task.build), task.values)
     sensed = [(swept_model(one.perception, one.values), one.seed) for one in tasks]

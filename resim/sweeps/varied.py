@@ -6,7 +6,7 @@ components, those of one maneuver after the other, by so many standard deviation
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -17,16 +17,19 @@ from resim.core.files import file_hash
 from resim.core.plugins.frozen import FrozenFile
 from resim.core.schema import VARIED_DISTANCE, VARIED_TRUST, Row
 from resim.resimulation.result import PreparedRecording
+from resim.simulation.reactive.settings import ReactiveSettings
 from resim.variations.candidate import VariedDrive, varied_drive
-from resim.variations.plan import make_plan, verified_ranges
+from resim.variations.plan import make_plan, verified_ranges, verified_request
 from resim.variations.rejection import reason
 from resim.variations.search import PlannedSearch, VariationPlan, VariationTask, look, ready
 from resim.variations.settings import VariationSettings, WhatVaries
 from resim.variations.swept import SweepVariation
 from resim.variations.trust import UNVERIFIED, Trust, judged_trust
+from resim.verification.inputs import VerificationRequest
 from resim.verification.validity_interval import ValidityInterval
 
-NUMBER, COMPONENT = "variation.number", "variation.c"
+VARIATION = "variation."
+NUMBER, COMPONENT = f"{VARIATION}number", f"{VARIATION}c"
 TRIES = 20
 """Points that are looked at for each variation, at most."""
 
@@ -40,12 +43,23 @@ class VariedRuns:
     verified: FrozenFile | None
 
 
+@dataclass(frozen=True)
+class SweptDriver:
+    """What drives a run: hashes of build and perception model, None without one, vehicle model and traffic."""
+
+    build: str
+    perception: str | None
+    vehicle: str
+    traffic: ReactiveSettings | None
+
+
 @dataclass(frozen=True, eq=False)
 class _Variations:
     """Variations of one recording as far as they were made in this process."""
 
     plan: VariationPlan
     ranges: tuple[ValidityInterval, ...] | None
+    verified: VerificationRequest | None
     kept: list[np.ndarray] = field(default_factory=list)
     looked: list[int] = field(default_factory=lambda: [0])
 
@@ -63,11 +77,17 @@ class _Variations:
 
 
 def vary_recording(
-    prepared: PreparedRecording, digest: str, runs: VariedRuns, values: Mapping[str, float]
+    prepared: PreparedRecording,
+    digest: str,
+    runs: VariedRuns,
+    values: Mapping[str, float],
+    setup: SweptDriver,
 ) -> tuple[PreparedRecording, Row]:
     """Give a recording as a run's values vary it, and its distance and trust, for the run's row.
 
-    digest: hash of the recording's content. Raises ResimError for a variation that is impossible.
+    digest: hash of the recording's content. setup: what drives it; only what was verified is trusted.
+
+    Raises ResimError for a variation that is impossible.
     """
     found = _variations(prepared, digest, runs)
     there = ready(found.plan)
@@ -79,7 +99,8 @@ def vary_recording(
     drive = varied_drive(there.origin, offset)
     if why := reason(drive.scenario, drive.off, there.against):
         raise ResimError(f"variation rejected: {why}")
-    trust = _trust(found, there, drive)
+    unlike = _unlike(found.verified, setup, [name for name in values if not name.startswith(VARIATION)])
+    trust = Trust("unknown", unlike) if unlike else _trust(found, there, drive)
     varied = replace(prepared, described={**prepared.described, "GT": drive.scenario})
     return varied, {VARIED_DISTANCE: drive.distance, VARIED_TRUST: trust.level}
 
@@ -90,6 +111,22 @@ def _trust(found: _Variations, there: PlannedSearch, drive: VariedDrive) -> Trus
     if found.ranges and not drive.offset.any():
         return Trust("inside", "")  # the verified drive itself
     return judged_trust(there.origin.motions, drive.motions, found.ranges)
+
+
+def _unlike(verified: VerificationRequest | None, setup: SweptDriver, swept: Sequence[str]) -> str:
+    """How a run is not what was verified, "" where it is. swept: other parameters of the sweep."""
+    if verified is None:
+        return ""
+    seen = None if verified.perception is None else verified.perception.hash
+    pairs = {
+        "build": (setup.build, verified.build.hash),
+        "perception model": (setup.perception, seen),
+        "vehicle model": (setup.vehicle, verified.vehicle),
+        "traffic": (setup.traffic, verified.traffic),
+    }
+    other = [name for name, (one, two) in pairs.items() if one != two]
+    told = [f"another {name} was verified" for name in other] + [f"{name} is swept" for name in swept]
+    return told[0] if told else ""
 
 
 def component_of(name: str, count: int) -> int:
@@ -109,4 +146,5 @@ def _variations(prepared: PreparedRecording, digest: str, runs: VariedRuns) -> _
     what = WhatVaries(runs.told.object, runs.told.maneuver)
     plan = make_plan(prepared.recording, runs.kernels.path, what, VariationSettings(box=runs.told.box))
     ranges = None if runs.verified is None else verified_ranges(runs.verified.path, digest)
-    return _Variations(plan, ranges)
+    verified = None if runs.verified is None else verified_request(runs.verified.path)
+    return _Variations(plan, ranges, verified)

@@ -18,6 +18,7 @@ from resim.variations.search import VariationPlan
 from resim.variations.settings import VariationSettings, WhatVaries
 from resim.verification.entries import VerifiedRecording
 from resim.verification.folder import read as read_verification
+from resim.verification.inputs import VerificationRequest
 from resim.verification.validity_interval import ValidityInterval
 from resim.verification.validity_runs import critical
 
@@ -74,3 +75,19 @@ def verified_ranges(file: Path, digest: str) -> tuple[ValidityInterval, ...]:
         if isinstance(one, VerifiedRecording) and one.hash == digest and one.verdict == "verified":
             return one.validity
     return ()
+
+
+def verified_request(file: Path) -> VerificationRequest:
+    """Give what a verification follows from, by its verification.json. Raises InputError where the file is none."""
+    return read_verification(file).inputs
+
+
+def verified_for(file: Path) -> str:
+    """Name the build and the perception model that a verification is of. Raises InputError where the file is none."""
+    asked = verified_request(file)
+    seen = (
+        "without a perception model"
+        if asked.perception is None
+        else f"with {Path(asked.perception.path).name}"
+    )
+    return f"{asked.build.label} {seen}"

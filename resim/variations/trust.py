@@ -5,12 +5,12 @@ measured. A variation changes everything a little; so it is held against the hul
 
 * place along the lane: between what `gap` moves, and what `speed` moves by that time;
 * speed: between what `speed` changes, where the object brakes also what `braking` does by that time;
-* place across the lane: between the original's with its lane change moved in time as far as `lane_change` allows;
-  ACROSS to either side of it.
+* place across the lane: between the original's with its lane change moved in time as far as `lane_change` allows, or
+  ACROSS to either side of the original's.
 
 All of that holds in every moment that both are there for, and for every object that is varied. What a variation changes
-by less than the parameter's own resolution is no change. Readings of ours: the source says only that a variation
-between a verified scenario and a re-checked one is trusted.
+by less than the parameter's own resolution is no change; it widens no range, as a KPI may flip so little beyond one.
+Readings of ours: the source says only that a variation between a verified scenario and a re-checked one is trusted.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from resim.verification.validity_interval import ValidityInterval
 
 ACROSS = 0.1
 """m across the lane that is no change: a third of how far people are off what they did the time before (our choice)."""
+SAME = 1e-6
+"""m or m/s by which a range is left before it is told: rounding."""
 TrustLevel = Literal["inside", "outside", "unknown"]
 
 
@@ -48,9 +50,15 @@ UNVERIFIED = Trust("unknown", "no verification was given (--verified)")
 
 
 def judged_trust(
-    before: Mapping[str, LaneMotion], after: Mapping[str, LaneMotion], ranges: Sequence[ValidityInterval]
-) -> Trust:
-    """Say whether motions of objects, by id, lie within verified ranges around those before."""
+    before: Mapping[str, LaneMotion], after: Mapping[str, LaneMotion], ranges: Sequence[ValidityInterval],
+    other: str = "",
+) -> Trust:  # fmt: skip
+    """Say whether motions of objects, by id, lie within verified ranges around those before.
+
+    other: what else is not as in the origin, "" for nothing: types of vehicles and weathers are not verified by ranges.
+    """
+    if other:
+        return Trust("outside", f"{other}: verified is the origin's own")
     for name, motion in after.items():
         own = {one.parameter: one for one in ranges if one.object == name}
         if not own:
@@ -80,8 +88,8 @@ def _outside(before: LaneMotion, after: LaneMotion, ranges: Mapping[str, Validit
 
 
 def _beyond(what: str, unit: str, changed: Floats, low: Floats, high: Floats, room: float) -> Iterator[str]:
-    """Where a change (K,) leaves its range (K,) by more than it may."""
-    over = np.maximum(changed - high, low - changed)
+    """Where a change (K,) leaves its range (K,). room: what is no change."""
+    over = np.maximum(changed - np.maximum(high, room), np.minimum(low, -room) - changed)
     k = int(over.argmax())
-    if over[k] > room:
+    if over[k] > SAME:
         yield f"{what} {changed[k]:+.2f} {unit}, verified {low[k]:+.2f} to {high[k]:+.2f}"

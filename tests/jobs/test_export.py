@@ -341,6 +341,28 @@ def test_what_the_files_do_not_say_is_noted(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("form", "needs", "clock"), [("foxglove", "foxglove", 5e9), ("rosbag", "rosbags", 2.2e9)]
+)
+def test_times_that_a_clock_does_not_count_to_are_refused(
+    tmp_path: Path, form: str, needs: str, clock: float
+) -> None:
+    pytest.importorskip(needs)
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    rows = pd.read_csv(ROOT / "scenarios" / "rear_end" / "gt.csv")
+    (folder / "recording.toml").write_text(
+        f'name = "d"\nmap = "{ROOT}/networks/proving_ground.xodr"\nego = "ego"\n', encoding="utf-8"
+    )
+    for first, fits in ((clock, False), (-clock, True), (1.7e9, True)):
+        rows.assign(t=rows.t + first).to_csv(folder / "gt.csv", index=False)
+        if fits:
+            assert [*export_drive(folder, tmp_path / "out", form).sources] == ["GT"]
+            continue
+        with pytest.raises(InputError, match=r"has times up to .* s, and the clock of .* ends at"):
+            export_drive(folder, tmp_path / "out", form)
+
+
 def test_runs_that_broke_off_are_told(tmp_path: Path) -> None:
     """Who sees rGT alone takes it for a whole drive."""
     (tmp_path / "fails.py").write_text(

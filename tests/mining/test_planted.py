@@ -43,6 +43,20 @@ def road(name: str) -> RoadNetwork:
     return load(file)
 
 
+def test_who_rolls_into_a_junction_and_back_did_not_pass_it() -> None:
+    """The junction of the town begins at x = -20 m; parts of it lie on several connections."""
+    t = np.arange(0.0, 8.01, 0.04)
+    x = -25.0 + 5.3 * np.sin(np.pi * t / 8.0)
+    zero, there = np.zeros((1, len(t))), np.ones((1, len(t)), dtype=bool)
+    tracks = Tracks(
+        t=t, ids=np.array(["a"]), kind=np.array(["car"]), x=x[None], y=zero - 1.75, heading=zero,
+        v=np.gradient(x, t)[None], length=np.array([4.7]), width=np.array([1.9]), valid=there,
+    )  # fmt: skip
+    found, maneuvers = mined(tracks, load(ROOT / "networks" / "urban.xodr"))
+    assert (found.junction >= 0).any()
+    assert not [m for m in maneuvers if m.label in ("straight", "u_turn", "turn_left", "turn_right")]
+
+
 LANES = {
     "e6mini": ("esmini/e6mini.xodr", "0", -3, 100.0, 3.5),
     "curvatures": ("alks/alks_road_different_curvatures.xodr", "0", -4, 900.0, 3.5),

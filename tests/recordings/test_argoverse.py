@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from recordings.mapped.strangers import MAP, _to_parquet, drive
 
 from resim.core.errors import InputError
@@ -88,12 +90,30 @@ def test_others_are_kept_where_the_ego_ends_early(tmp_path: Path) -> None:
     assert "without_ego" not in read(path, end=0.5).settings.provenance
 
 
+@settings(deadline=None, max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(far=st.sampled_from([0.0, 1e6, -5.4e6]), heading=st.floats(-3.1, 3.1), v=st.floats(-5.0, 40.0))
+def test_no_digit_is_lost(tmp_path: Path, far: float, heading: float, v: float) -> None:
+    """At UTM's coordinates states are equal to 1e-6 m; times count from the first one, to 1e-9 s."""
+    truth = drive(steps=11)
+    moved = {"position_x": truth["x"] + far, "position_y": truth["y"] + 2.0 * far, "heading": heading}
+    speed = {"velocity_x": v * np.cos(heading), "velocity_y": v * np.sin(heading)}
+    whole = read_parquet(scenario(tmp_path))
+    whole = whole[whole["track_id"] != "cone"].reset_index(drop=True).assign(**moved, **speed)
+    _to_parquet(whole, tmp_path / "scenario_0a1e.parquet")
+    gt = read(tmp_path).gt.sort_values(["t", "id"])
+    told = truth.assign(id=truth["id"].replace("ego", "AV")).sort_values(["t", "id"])
+    np.testing.assert_allclose(gt["t"], told["t"], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(gt[["x", "y"]], told[["x", "y"]] + [far, 2.0 * far], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(gt[["heading", "v"]], [[heading, v]] * len(gt), rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
         ({"heading": "left"}, r"row 1: heading is 'left', expected a finite number"),
         ({"end_timestamp": float(FIRST)}, r"expected time steps 0\.1 s apart\. Download"),
         ({"num_timestamps": "many"}, r"num_timestamps are .*, many, expected time steps"),
+        ({"heading": 1e9}, r"heading is 1e\+09, expected radians up to 10000"),
         ({"object_type": "static"}, r"has no road user, only static"),
         ({"timestep": 3}, r"ego 'AV' is present from 0.3 to 0.3 s"),
         ({"track_id": "1"}, r"ego 'AV' was not found.*It has 1\."),
@@ -271,3 +291,12 @@ def test_a_wrong_tracker_is_told(tmp_path: Path) -> None:
         InputError, match=r"tracker\.feather: is damaged or incomplete, or no Feather file \(Arrow"
     ):
         read_tracker(tracker, folder, FIRST)
+
+
+@needs_pyarrow
+def test_numbers_that_no_measurement_has_are_named(tmp_path: Path) -> None:
+    folder, _, boxes = log(tmp_path / "7fab", steps=4)
+    for column in ("qw", "tx_m"):
+        feather(boxes.assign(**{column: 1e300}), folder / "annotations.feather")
+        with pytest.raises(InputError, match=rf"row 1: {column} is 1e\+300, expected a number up to"):
+            read(folder)

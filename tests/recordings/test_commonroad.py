@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from resim.core.errors import InputError
 from resim.core.tracks import Tracks
-from resim.recordings import Recording, read_commonroad
+from resim.recordings import Recording, read_commonroad, write_recording
 
 RECTANGLE = "<rectangle><length>4</length><width>2</width></rectangle>"
 
@@ -101,6 +103,47 @@ BAD = {
     "empty": ('<dynamicObstacle id="1"/>', "2020a", "", "obstacle 1 has no trajectory"),
     "broken": ("<a>", "2020a", "", "is not well-formed XML"),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (dynamic("1", EGO, shape=RECTANGLE.replace("<length>", "<x>abc</x><length>")), "obstacle 1: shape x is 'abc'"),
+        (dynamic("1", EGO, shape="<circle><radius>1</radius><center><x>q</x></center></circle>"), "shape x is 'q'"),
+        (dynamic("1", state(0, 1e300) + state(1, 1)), "state 0: position x is '1e+300'"),
+        (dynamic("1", EGO.replace("0.1<", "1e20<")), "state 0: orientation is '1e20', expected a finite number up to"),
+        (dynamic("1", EGO.replace(exact("velocity", 10), exact("velocity", 1e200))), "state 0: velocity is '1e+200'"),
+    ],
+)  # fmt: skip
+def test_numbers_that_no_measurement_has_are_named(tmp_path: Path, body: str, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        read(tmp_path, body)
+
+
+@pytest.mark.parametrize("name", ["", "a&#10;b"])
+def test_an_id_that_is_no_name_is_not_written(tmp_path: Path, name: str) -> None:
+    found = read(tmp_path, dynamic("1", EGO) + dynamic(name, EGO))
+    with pytest.raises(InputError, match="expected a name of one line"):
+        write_recording(found, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    far=st.sampled_from([0.0, 1e6, -5.4e6]), begin=st.sampled_from([0, 17 * 10**9]), heading=st.floats(-3.1, 3.1),
+    v=st.floats(-5.0, 40.0), version=st.sampled_from(["2018a", "2020a"]),
+)  # fmt: skip
+def test_no_digit_is_lost(
+    tmp_path: Path, far: float, begin: int, heading: float, v: float, version: str
+) -> None:
+    """At UTM's coordinates and times of today states are equal to 1e-6 m; times to what a number of 64 bits holds."""
+    unit = 0.1 if version == "2018a" else 1
+    every = [state(round((begin + k) * unit, 1), far + k, v=exact("velocity", v)) for k in range(4)]
+    states = "".join(every).replace(exact("orientation", 0.1), exact("orientation", heading))
+    gt = read(tmp_path, dynamic("1", states, version=version), version=version).gt
+    np.testing.assert_allclose(gt.t, [0.0, 0.1, 0.2, 0.3], rtol=0, atol=1e-9 + 3e-16 * begin)
+    np.testing.assert_allclose(gt.x[0], far + np.arange(4.0), rtol=0, atol=1e-6)
+    np.testing.assert_allclose([gt.heading[0], gt.v[0]], [[heading] * 4, [v] * 4], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("case", BAD)

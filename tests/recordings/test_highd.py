@@ -6,11 +6,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from resim.core.errors import InputError
 from resim.core.geometry import wrap_angle
 from resim.core.tracks import Tracks
 from resim.recordings import Alignment, read_commonroad, read_highd, read_recording, write_recording
+from resim.recordings.formats.registry import FORMATS
 
 TRACKS = "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,laneId\n"
 META = "id,class,drivingDirection\n"
@@ -108,6 +111,8 @@ REFUSED = {
     "twice": (ROWS, META + "1,Car,2\n1,Car,2\n", "1", (None, None), r"vehicle '1' is a duplicate"),
     "row": (ROWS + "10,1,4,0,5,2,25,0,0,0,4\n", META + "1,Car,2\n2,Car,2\n", "1", (None, None), r"row 15 \(t 0\.36"),
     "size": (ROWS.replace("5,2", "0,2"), META + "1,Car,2\n2,Car,2\n", "1", (None, None), r"length is 0\.0"),
+    "between": (ROWS, META + "1,Car,2\n2,Car,2\n", "1", (0.05, 0.07), r"has no sample from 0\.05 to 0\.07 s"),
+    "frame": (ROWS.replace("3,1,3", "3.5,1,3"), META + "1,Car,2\n2,Car,2\n", "1", (None, None), r"frame is 3\.5"),
     "column": (ROWS, "id,class\n1,Car\n", "1", (None, None), "column drivingDirection missing; found id, class"),
 }  # fmt: skip
 
@@ -117,6 +122,61 @@ def test_refuses(write: Write, case: str) -> None:
     rows, meta, ego, (start, end), message = REFUSED[case]
     with pytest.raises(InputError, match=message):
         read(write(TRACKS + rows, meta), ego, start, end)
+
+
+@pytest.mark.parametrize("rate", ["0", "-25", "1e-12", "1e12"])
+def test_refuses_a_frame_rate_that_is_none(write: Write, rate: str) -> None:
+    path = write(TRACKS + ROWS, META + "1,Car,2\n2,Car,2\n", f"id,frameRate\n1,{rate}\n")
+    with pytest.raises(
+        InputError, match=r"07_recordingMeta\.csv: frameRate is .*, expected 0\.001 to 10000 Hz"
+    ):
+        read(path, "1")
+
+
+def test_refuses_a_table_of_too_many_columns(write: Write) -> None:
+    wide = TRACKS.strip() + "".join(f",c{k}" for k in range(100_000))
+    with pytest.raises(
+        InputError, match=r"07_tracks\.csv: has 100,011 columns or more, up to 5,000 are read"
+    ):
+        read(write(f"{wide}\n{'1,' * 100_010}1\n", META + "1,Car,2\n"), "1")
+
+
+def test_refuses_an_alignment_that_is_none(write: Write) -> None:
+    path = write(TRACKS + ROWS, META + "1,Car,2\n2,Car,2\n")
+    (form,) = (one for one in FORMATS if one.name == "highd")
+    with pytest.raises(InputError, match=r"--alignment: is .*nan"):
+        form.reader(path, map=path.parent / "road.xodr", ego="1", alignment=(np.nan, 0.0, 0.0))
+
+
+@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    far=st.sampled_from([0.0, 1e6, -5.4e6]), heading=st.floats(-3.1, 3.1), v=st.floats(1.0, 60.0),
+    first=st.integers(0, 10**6), centred=st.booleans(),
+)  # fmt: skip
+def test_no_digit_is_lost(
+    write: Write, far: float, heading: float, v: float, first: int, centred: bool
+) -> None:
+    """At UTM's coordinates states are equal to 1e-6 m, times of frames to 1e-9 s; in both kinds of columns."""
+    k = np.arange(4)
+    vx, vy = float(v * np.cos(heading)), float(v * np.sin(heading))
+    x, y = far + vx * 0.04 * k, 2.0 * far + vy * 0.04 * k
+    places = [*enumerate(zip(x.tolist(), y.tolist(), strict=True), start=first)]
+    if centred:
+        turned = float(np.degrees(heading))
+        rows = "".join(
+            f"7,1,{n},0,{a!r},{b!r},{turned!r},1.8,4.5,{vx!r},{vy!r}{',0' * 6}\n" for n, (a, b) in places
+        )
+        path = write(CENTRE + rows, "recordingId,trackId,class\n7,1,car\n", "recordingId,frameRate\n7,25\n")
+    else:
+        rows = "".join(
+            f"{n},1,{a - 2.25!r},{-b - 0.9!r},4.5,1.8,{vx!r},{-vy!r},0,0,1\n" for n, (a, b) in places
+        )
+        path = write(TRACKS + rows, META + "1,Car,2\n")
+    gt = read(path, "1")
+    np.testing.assert_allclose(gt.t, 0.04 * k, rtol=0, atol=1e-9)
+    np.testing.assert_allclose([gt.x[0], gt.y[0]], [x, y], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(gt.heading[0], heading, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(gt.v[0], v, rtol=0, atol=1e-9)
 
 
 def test_refuses_files_that_are_not_there(tmp_path: Path, write: Write) -> None:

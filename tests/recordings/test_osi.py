@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import random
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resim.core.errors import InputError
-from resim.recordings import Recording
+from resim.recordings import Recording, write_tables
 from resim.recordings.checks import examine
 from resim.recordings.formats.osi import read_osi
 from resim.recordings.source import recording_of
@@ -309,3 +310,22 @@ def test_traces_of_others_come_in(name: str) -> None:
         x, y, v, t = found.x[n, own], found.y[n, own], found.v[n, own], found.t[own]
         way = np.hypot(np.diff(x), np.diff(y)).sum()
         assert way == pytest.approx(np.abs(0.5 * (v[1:] + v[:-1]) * np.diff(t)).sum(), rel=0.05, abs=0.3)
+
+
+@pytest.mark.parametrize("of", ["acceleration.x", "orientation_rate.yaw", "position.z", "orientation.yaw"])
+def test_what_could_not_be_read_again_is_not_written(tmp_path: Path, of: str) -> None:
+    messages = [truth(k * 10**8, {7: (10.0 * k, 0.0, 0.0, 100.0)}) for k in range(3)]
+    part, field = of.split(".")
+    for one in messages:
+        one.moving_object[0].base.dimension.height = 1.5
+    for number in (1e300, math.inf):
+        setattr(getattr(messages[1].moving_object[0].base, part), field, number)
+        with pytest.raises(InputError, match=re.escape("a.osi")):
+            write_tables(read_osi(write(tmp_path / "a.osi", messages), map=MAP), tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_window_between_two_messages_is_refused(tmp_path: Path) -> None:
+    messages = [truth(k * 10**8, {7: (10.0 * k, 0.0, 0.0, 100.0)}) for k in range(3)]
+    with pytest.raises(InputError, match=r"ego '7' has no sample from 0\.12 to 0\.18 s"):
+        read(write(tmp_path / "a.osi", messages), start=0.12, end=0.18)

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from resim.core.errors import InputError, ResimError
-from resim.function import packed
+from resim.function import framed, packed
 from resim.jobs.function import check_function
 from resim.simulation.function.conversation import Conversation, Speaker, read_conversation
 from resim.simulation.function.interface import load_build
@@ -140,9 +140,10 @@ def test_every_byte_of_a_conversation_is_in_the_hash(recorded: Path, tmp_path: P
     before = load_build(tmp_path / "recorded.toml")
     assert before.parameters == {}
     assert before.label == "follow-1"
-    raw = bytearray((tmp_path / "rGT.conversation").read_bytes())
-    raw[-2] ^= 1
-    (tmp_path / "rGT.conversation").write_bytes(raw)
+    found = read_conversation(tmp_path / "rGT.conversation")
+    *others, (asked, answered) = found.exchanges
+    changed = replace(found, exchanges=(*others, (asked, answered[:-1] + bytes([answered[-1] ^ 1]))))
+    (tmp_path / "rGT.conversation").write_bytes(changed.packed())
     assert load_build(tmp_path / "recorded.toml").hash != before.hash
 
 
@@ -284,19 +285,70 @@ def test_parameters_have_names_of_text(recorded: Path, tmp_path: Path) -> None:
         read_conversation(file)
 
 
-@given(st.lists(st.tuples(st.binary(max_size=40), st.binary(max_size=40)), max_size=5), st.data())
+def test_a_changed_conversation_is_refused_and_named(recorded: Path, tmp_path: Path) -> None:
+    raw = (recorded / "rGT.conversation").read_bytes()
+    last = (
+        raw.rindex(b"acceleration") + len(b"acceleration") + 1
+    )  # nothing is asked after it that would differ
+    build = shutil.copy(recorded / "recorded.toml", tmp_path)
+    for changed in (
+        raw[:last] + bytes([raw[last] ^ 0x80]) + raw[last + 1 :],
+        raw.replace(b"name", b"mane", 1),
+    ):
+        (tmp_path / "rGT.conversation").write_bytes(changed)
+        with pytest.raises(InputError, match="was changed after it was recorded") as refused:
+            load_build(Path(build))
+        assert str(tmp_path / "rGT.conversation") in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("raw", "why"),
+    [
+        (b"", "it is empty"),
+        (b"\x01\0\0\0\xc1", "its first message is no msgpack"),
+        (packed({"a": 1}) * 3, "does not begin with conversation = 2"),
+    ],
+)
+def test_what_is_no_conversation_is_told_why(tmp_path: Path, raw: bytes, why: str) -> None:
+    path = tmp_path / "a.conversation"
+    path.write_bytes(raw)
+    with pytest.raises(InputError, match=f"is no recorded conversation: {why}"):
+        read_conversation(path)
+
+
+@pytest.mark.parametrize("question", [b"\xc1", b"\x91\x01", b"\x81\x91\x01\x01"])
+def test_a_question_that_is_no_map_is_refused(tmp_path: Path, question: bytes) -> None:
+    path = tmp_path / "a.conversation"
+    path.write_bytes(Conversation(SPEAKER, [(FIRST, b"x"), (framed(question), b"x")]).packed())
+    with pytest.raises(InputError, match="question 2 is"):
+        read_conversation(path)
+
+
+def test_another_map_with_the_same_lanes_is_another_drive(recorded: Path, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "scenarios" / "rear_end", tmp_path / "slow")
+    text = (ROOT / "networks" / "proving_ground.xodr").read_text(encoding="utf-8")
+    (tmp_path / "slow" / "map.xodr").write_text(text.replace('max="130"', 'max="60"'), encoding="utf-8")
+    file = tmp_path / "slow" / "recording.toml"
+    told = file.read_text(encoding="utf-8").replace("../../networks/proving_ground.xodr", "map.xodr")
+    file.write_text(told, encoding="utf-8")
+    done = run(recorded / "recorded.toml", tmp_path / "out", recording=str(tmp_path / "slow"))
+    assert done.returncode == 3, done.stderr
+    assert "was recorded for another drive: road.hash is" in done.stderr
+
+
+MESSAGES = st.dictionaries(st.text(max_size=5), st.integers(0, 9), max_size=3).map(packed)
+
+
+@given(st.lists(st.tuples(MESSAGES, st.binary(max_size=40)), max_size=5), st.data())
 def test_a_file_gives_what_was_written_and_a_cut_one_is_refused(
     tmp_path_factory: pytest.TempPathFactory, pairs: list[tuple[bytes, bytes]], data: st.DataObject
 ) -> None:
-    framed = [(FIRST, b"x"), *((len(q).to_bytes(4, "little") + q, a) for q, a in pairs)]
+    exchanges = [(FIRST, b"x"), *pairs]
     path = tmp_path_factory.mktemp("c") / "a.conversation"
-    raw = Conversation(SPEAKER, framed).packed()
+    raw = Conversation(SPEAKER, exchanges).packed()
     path.write_bytes(raw)
     found = read_conversation(path)
-    assert (found.speaker, list(found.exchanges)) == (SPEAKER, framed)
-    ends = [len(Conversation(SPEAKER, framed[:k]).packed()) for k in range(1, len(framed) + 1)]
-    cut = data.draw(st.integers(0, len(raw) - 1))
-    path.write_bytes(raw[:cut])
-    if cut not in ends:
-        with pytest.raises(InputError, match="is no recorded conversation"):
-            read_conversation(path)
+    assert (found.speaker, list(found.exchanges)) == (SPEAKER, exchanges)
+    path.write_bytes(raw[: data.draw(st.integers(0, len(raw) - 1))])
+    with pytest.raises(InputError, match=r"is no recorded conversation|was changed after it was recorded"):
+        read_conversation(path)

@@ -23,6 +23,7 @@ from processes import below
 from simulation.test_process import COMMAND, FOLLOW, HEAD
 
 from resim.core.errors import InputError
+from resim.function import packed
 from resim.jobs.function import check_function
 from resim.simulation.function import grpc_wire
 from resim.simulation.function.grpc_wire import METHOD, decode, encode
@@ -109,9 +110,13 @@ FAULTS = {
 }
 
 
-def test_what_a_served_function_does_costs_its_run(process: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("some", [("exit", "hang"), pytest.param(tuple(FAULTS)[2:], marks=pytest.mark.slow)])
+def test_what_a_served_function_does_costs_its_run(
+    process: Path, tmp_path: Path, some: tuple[str, ...]
+) -> None:
     with server(process) as (address, relay):
-        for what, (deed, why) in FAULTS.items():
+        for what in some:
+            deed, why = FAULTS[what]
             build = served_at(tmp_path, address, f"[parameters]\nhow = {deed!r}\n", "time_limit = 0.5\n")
             done = run(build, tmp_path / f"out {what}")
             assert (done.returncode, why in done.stderr) == (3, True), done.stderr
@@ -208,6 +213,7 @@ def own_server(drive: Callable[..., Iterator[bytes]]) -> Iterator[str]:
 
 
 def _nonsense(requests: Iterator[bytes], context: Any) -> Iterator[bytes]:
+    next(requests)
     yield b"\x0a\xff\x01nonsense"
 
 
@@ -221,9 +227,31 @@ def _refuses(requests: Iterator[bytes], context: Any) -> Iterator[bytes]:
     yield b""
 
 
+def _answers_before_it_is_asked(requests: Iterator[bytes], context: Any) -> Iterator[bytes]:
+    yield encode(packed({"protocol": 1})[4:])
+    for _ in range(200):
+        yield encode(packed({"acceleration": 0.0, "curvature": 0.0, "plan": None})[4:])
+    for asked in requests:
+        if decode(asked) == packed({"message": "close"})[4:]:
+            return
+
+
+def _cancels(requests: Iterator[bytes], context: Any) -> Iterator[bytes]:
+    context.abort(grpc.StatusCode.CANCELLED, "not today")
+    yield b""
+
+
+def _gives_no_reason(requests: Iterator[bytes], context: Any) -> Iterator[bytes]:
+    context.abort(grpc.StatusCode.ABORTED, "")
+    yield b""
+
+
 @pytest.mark.parametrize(
     ("drive", "why"),
     [
+        (_answers_before_it_is_asked, "wrote more than one answer to a message"),
+        (_cancels, "ended its stream with CANCELLED: not today"),
+        (_gives_no_reason, "ended its stream with ABORTED: no reason given"),
         (_nonsense, "answered what is no Message of function.proto"),
         (_ends, "ended its stream with OK"),
         (_refuses, "ended its stream with UNAUTHENTICATED: who are you?"),

@@ -136,7 +136,12 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("what", FAULTS)
+OFTEN = ("exit", "hang", "rubbish", "a process of its own")  # the others in `make validate`
+
+
+@pytest.mark.parametrize(
+    "what", [pytest.param(what, marks=() if what in OFTEN else pytest.mark.slow) for what in FAULTS]
+)
 def test_what_a_process_does_costs_its_run(build: Callable[..., Path], tmp_path: Path, what: str) -> None:
     deed, why = FAULTS[what]
     text = marked(COMMAND, tmp_path).replace("[process]", "time_limit = 0.5\n[process]")
@@ -295,6 +300,45 @@ def test_what_does_not_hold_is_found(build: Callable[..., Path], tmp_path: Path,
     found = check_function(build(COMMAND, how=CHECKED[name]))
     broken = [check.name for check in found.checks if not check.holds]
     assert name in broken, found.checks
+
+
+PLANNED = """
+import itertools, os, pathlib, random
+from resim.function import Command
+
+class Follow:
+    def __init__(self, lock=""):
+        self.lock = pathlib.Path(lock)
+    def reset(self, setup):
+        {reset}
+    def step(self, p):
+        return Command(0.0, 0.0, [[p.t, 0.0, 0.0, {v}]])
+    def close(self):
+        {close}
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "reset", "v", "close"),
+    [
+        ("determinism", "pass", "random.random()", "pass"),
+        (
+            "clock",
+            "import time; self.begin = time.monotonic()",
+            "time.monotonic() - self.begin > 0.5",
+            "pass",
+        ),
+        ("restart", "self.lock.touch(exist_ok=False)", "1.0", "self.lock.unlink()"),
+    ],
+)
+def test_what_only_plans_or_a_restart_show_is_found(
+    build: Callable[..., Path], tmp_path: Path, name: str, reset: str, v: str, close: str
+) -> None:
+    source = PLANNED.format(reset=reset, v=v.replace("time.", "__import__('time')."), close=close)
+    (tmp_path / "follow.py").write_text(source, encoding="utf-8")
+    checks = check_function(build(APART, lock=str(tmp_path / "lock"))).checks
+    found = {check.name: check for check in checks}
+    assert not found[name].holds, found
 
 
 def test_what_resim_opens_for_a_process_is_not_told_of_its_code(

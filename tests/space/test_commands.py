@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
+from urllib.parse import quote
 
 import jsonschema
 import numpy as np
@@ -13,11 +15,16 @@ from typer.testing import CliRunner
 
 from resim.cli import app
 from resim.core.errors import InputError
+from resim.core.tracks import Tracks
+from resim.exports.rocrate import FILE
 from resim.jobs import space as job
+from resim.jobs.export import export_rocrate
 from resim.jobs.mine import MineOptions, mine
 from resim.jobs.schemas import schema_of
 from resim.recordings import Recording, write_recording
 from resim.recordings.tables import read_parquet
+from resim.results import write_parquet
+from resim.space.sources import read_mined
 
 LIMITS = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
 
@@ -78,6 +85,14 @@ def test_from_mined_drives_to_a_verdict(tmp_path: Path, mined: list[Path]) -> No
     assert code == 0
     code, words = run("compare", space, tmp_path / "other", "--out", tmp_path / "compared")
     assert code == 0, words
+    for folder in (mined[0], space, tmp_path / "release", tmp_path / "compared"):
+        export_rocrate(folder, tmp_path / "crate")
+        (root,) = (
+            one for one in json.loads((tmp_path / "crate" / FILE).read_text())["@graph"] if one["@id"] == "./"
+        )
+        assert {part["@id"] for part in root["hasPart"]} == {
+            quote(file.relative_to(folder).as_posix()) for file in folder.rglob("*") if file.is_file()
+        }
     told = json.loads((tmp_path / "compared" / "comparison.json").read_text())
     jsonschema.validate(told, schema_of("space_comparison"))
     assert told["only_other"] == 0  # all of it is in the first one, too
@@ -141,3 +156,35 @@ def test_own_egos_alone(tmp_path: Path, mined: list[Path]) -> None:
     assert source.egos == "own"
     assert source.recordings[0].hours == pytest.approx(found.report.parts[0].ego_hours)
     assert source.recordings[0].hours < job.read_mined(mined[0]).recordings[0].hours
+
+
+def test_tables_that_were_changed_are_refused(tmp_path: Path, mined: list[Path]) -> None:
+    shutil.copytree(mined[0], tmp_path / "mined")
+    read_mined(tmp_path / "mined")
+    frame = read_parquet(tmp_path / "mined" / "maneuvers.parquet")
+    write_parquet(frame[frame["label"] != "collision"].iloc[1:], tmp_path / "mined" / "maneuvers.parquet")
+    with pytest.raises(InputError, match="was changed after it was written"):
+        read_mined(tmp_path / "mined")
+
+
+@pytest.mark.parametrize("last", [8.0, 4.96, 4.8])
+def test_a_collision_in_no_scenario_is_an_accident_of_the_build(tmp_path: Path, last: float) -> None:
+    """The EGO drives into a standing car 5 s after its begin, which is recorded, or recorded up to there, or not."""
+    t = np.arange(0.0, 8.0, 0.04)
+    seen = np.stack([np.ones(len(t)), (t <= last + 1e-6) | (t > 5.5)]) > 0.0
+    x, v = np.stack([100.0 + 20.0 * t, np.full(len(t), 204.7 - 0.02)]), np.array([[20.0], [0.0]])
+    zero = np.zeros((2, len(t)))
+    tracks = Tracks(
+        t=t, ids=np.array(["ego", "a"]), kind=np.array(["car", "car"]), x=x, y=zero - 1.75, heading=zero, v=zero + v,
+        length=np.full(2, 4.7), width=np.full(2, 1.9), valid=seen,
+    )  # fmt: skip
+    road = write_straight(tmp_path / "straight.xodr")
+    recording = Recording("r", road, "ego", tracks, 25.0, build="f-1", build_hash="abc")
+    write_recording(recording, tmp_path / "r")
+    mine(
+        [tmp_path / "r"],
+        tmp_path / "m",
+        MineOptions(around="surroundings", write=False, accept=("OVERLAP", "GAP")),
+    )
+    (one,) = read_mined(tmp_path / "m").recordings
+    assert (one.build, one.accidents) == ("abc", 1)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from space.families import drawn
@@ -12,6 +15,7 @@ from resim.space.agreement import adjusted_rand
 from resim.space.build import build_space, grow_space
 from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
+from resim.space.folder import read_space, write_space
 from resim.space.settings import SpaceSettings
 
 
@@ -75,6 +79,21 @@ def test_a_source_is_in_a_space_once_and_another_bucket_is_added() -> None:
     alike = grow_space(space_of([*KINDS], settings=SpaceSettings(bucket="vehicles")), [other])
     assert set(alike.rows["number"]) == {1}
     assert not any(".n" in name for name in alike.rows["cluster"])
+
+
+def test_a_drive_is_in_a_space_once_and_names_may_be_those_of_another_source(tmp_path: Path) -> None:
+    one, other = (replace(source("day", [*KINDS[:3]] * 2, seed), folder=Path(f"/{seed}")) for seed in (1, 2))
+    built = build_space([one, other])
+    assert built.traces.names.tolist() == built.rows["scenario"].tolist()
+    write_space(built, tmp_path)
+    again, _ = read_space(tmp_path)
+    assert len(set(again.rows["scenario"])) == 12
+    first = replace(one, recordings=(replace(one.recordings[0], content="abc"),))
+    mined_again = replace(other, recordings=(replace(other.recordings[0], content="abc"),))
+    with pytest.raises(InputError, match="recording day is in the space already"):
+        build_space([first, mined_again])
+    with pytest.raises(InputError, match="recording day is in the space already"):
+        grow_space(build_space([first]), [mined_again])
 
 
 def test_several_egos_that_see_the_same_do_not_make_a_kind_seen_twice() -> None:

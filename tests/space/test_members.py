@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from space.families import drawn
 from space.spaces import KINDS, space_of
 
-from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members
+from resim.jobs.space_members import _runs
+from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
 from resim.space.traces import joined
@@ -77,7 +80,7 @@ def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Spa
 
 
 def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
-    own = replace(space, rows=space.rows.assign(build="f-1"))
+    own = replace(space, rows=space.rows.assign(build="f-1"))  # its hash
     runs = [RUN, replace(RUN, name="2", risk=0.5), replace(RUN, name="3", risk=np.nan),
             replace(RUN, name="4", trust="outside"),
             replace(RUN, name="5", collided=True, risk=0.2, repeat="again")]  # fmt: skip
@@ -102,4 +105,50 @@ def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
     assert calibrated(risks, held, cluster).verdict == "calibrated"
     assert calibrated(risks, [replace(one, collided=True) for one in held], cluster).verdict == "too low"
     assert calibrated(risks, held[:5], cluster).verdict == "not shown"
-    assert calibrated(risks, [replace(one, recording="elsewhere") for one in held], {}).unknown == 200
+    strange = calibrated(risks, [replace(one, recording="elsewhere") for one in held], {})
+    assert (strange.unknown, strange.verdict) == (200, "not shown")  # nobody says what was predicted of them
+    swept = calibrated(
+        risks, [replace(one, changed="perception.latency.speed is swept") for one in held], cluster
+    )
+    assert (swept.unknown, swept.verdict) == (200, "not shown")
+
+
+def test_a_run_that_is_there_again_is_no_further_evidence(space: Space) -> None:
+    runs = [replace(RUN, name=name, same="run 1") for name in ("a", "b", "c")]
+    found = judged_members(space, runs, [DRIVE], known(), 0.7)
+    assert found["counts"].tolist() == [True, False, False]
+    assert found["why"].tolist()[1:] == ["it is the same run as a"] * 2
+
+
+def test_what_a_verification_ran_is_told_as_it_ended() -> None:
+    """Of runs that left the road, or may have hit somebody unseen, nobody says that they did not collide."""
+    seeds = [
+        SimpleNamespace(seed=k, end=end, failure=failure)
+        for k, (end, failure) in enumerate(
+            [("duration", None), ("collision", None), ("off_road", None), ("duration", "raised")]
+        )
+    ]
+    risk = SimpleNamespace(each=lambda: {"rGT+M": (0.1, 1.0, 0.1, 0.1), "rGT": (0.2,)})
+    entry = SimpleNamespace(name="d", way="rGT+M", risk=risk, seeds=seeds, verdict="verified")
+    run = replace(RUN, collided=False)
+    found = list(_runs(Path("v"), entry, run))  # type: ignore[arg-type]
+    assert [one.collided for one in found] == [False, True, None, None]
+    assert len({one.same for one in found}) == 4
+    unseen = list(_runs(Path("v"), entry, replace(run, collided=None)))  # type: ignore[arg-type]
+    assert [one.collided for one in unseen] == [None, True, None, None]
+    for collided in (True, False, None):  # as the drive did, of which it is shown that it is as the run
+        entry.way, entry.verdict = "rGT", "verified"
+        (one,) = _runs(Path("v"), entry, replace(run, collided=collided))  # type: ignore[arg-type]
+        assert one.collided is collided
+        entry.verdict = "not verified"
+        (one,) = _runs(Path("v"), entry, replace(run, collided=collided))  # type: ignore[arg-type]
+        assert one.collided is None
+
+
+def test_a_test_drive_with_an_accident_that_was_not_mined_is_told(space: Space) -> None:
+    hit = replace(DRIVE, accident=True)
+    assert not_mined(space, [DRIVE, replace(hit, own=False)], known()) == 0
+    assert not_mined(space, [hit, hit, replace(hit, recording="run")], known()) == 2
+    assert not_mined(space, [replace(hit, recording="run")], known(scenario="one_0")) == 0
+    mined = replace(space, sources=tuple(replace(one, recordings=("drive",)) for one in space.sources))
+    assert not_mined(mined, [hit], known()) == 0

@@ -24,7 +24,8 @@ from resim.space.risk import CoverReport, cluster_risks
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
 HASHES = {"space": "", "cover": "", "limits": ""}
-GOOD = reliability(np.repeat([0.001, 0.02], 4000), np.zeros(8000))
+EVERY = np.array([0.0, 0.0005, 0.005, 0.02, 0.05, 0.2, 0.5])  # a risk in each bin
+GOOD = reliability(np.repeat(EVERY, 4000), np.zeros(28000))
 
 
 def limits(per_hour: float, **more: object) -> ReleaseLimits:
@@ -45,7 +46,7 @@ def members(space: Space, each: int, risk: float) -> pd.DataFrame:
 
 def cover(space: Space, frame: pd.DataFrame, calibration: object = GOOD) -> CoverReport:
     risks = cluster_risks(space, frame, "f-1")
-    return CoverReport({}, {}, "", "b", "f-1", "", 0.7, 1, risks, calibration, ())  # type: ignore[arg-type]
+    return CoverReport({}, {}, "", "b", "f-1", "", 0.7, 1, 0, risks, calibration, ())  # type: ignore[arg-type]
 
 
 def decided(
@@ -73,7 +74,7 @@ def test_a_function_that_is_safe_in_all_that_is_known_is_released(seen: Space) -
 def test_a_function_that_crashes_is_not_and_the_cluster_is_named(seen: Space) -> None:
     frame = members(seen, 5000, 0.0)
     frame.loc[frame["cluster"] == "1.2", "risk"] = 0.5
-    calibration = reliability(np.repeat([0.001, 0.5], 4000), np.repeat([0.0, 0.4], 4000))
+    calibration = reliability(np.repeat([0.0, 0.5], 4000), np.repeat([0.0, 0.4], 4000))
     found = decided(seen, frame, limits(0.06), calibration)
     assert found.verdict == "bad"
     assert [one.cluster for one in found.forbidding] == ["1.2"]
@@ -156,6 +157,33 @@ def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
     assert after != "good" or before == "good"
     assert two.accidents("hour").high >= one.accidents("hour").high - 1e-12
     assert all(b.high >= a.high - 1e-12 for a, b in zip(one.risk, two.risk, strict=True))
+
+
+def test_risk_is_believed_where_held_out_drives_have_such_a_risk(seen: Space) -> None:
+    frame = members(seen, 5000, 0.0)
+    frame.loc[frame["cluster"] == "1.2", "risk"] = 0.005
+    benign = reliability(np.zeros(4000), np.zeros(4000))
+    assert benign.verdict == "calibrated"
+    found = decided(seen, frame, limits(0.15), benign)
+    assert found.verdict == "not shown"
+    assert [one.cluster for one in found.forbidding] == ["1.2"]
+    assert "not calibrated" in found.forbidding[0].why
+    assert decided(seen, frame, limits(0.15), GOOD).verdict == "good"
+
+
+def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
+    frame = members(seen, 5000, 0.0)
+    for changed in ({"accidents": {"b": 1}}, {"failed": ("r7",)}):
+        other = replace(seen, sources=tuple(replace(one, **changed) for one in seen.sources))
+        found = decided(other, frame, limits(0.1))
+        assert found.verdict == "not shown"
+        assert "in no scenario" in found.statement or "could not be mined" in found.statement
+    left_out = replace(cover(seen, frame), accidents=1)
+    found = decide(seen, left_out, limits(0.1), HASHES)
+    assert found.verdict == "not shown"
+    assert "collide or break off and are not in the space" in found.statement
+    of_another = replace(seen, sources=tuple(replace(one, accidents={"c": 1}) for one in seen.sources))
+    assert decided(of_another, frame, limits(0.1)).verdict == "good"
 
 
 def test_the_limits_that_ship_have_sources() -> None:

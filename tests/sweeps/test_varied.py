@@ -1,6 +1,8 @@
 """Variations as parameters of a sweep: which drive a run is of, how far it is, and what is legitimised."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +11,9 @@ from traced import kernel_file
 from resim.core.errors import InputError
 from resim.jobs.sweep import SweepOptions, report_sweep, sweep
 from resim.jobs.vary import VaryOptions, vary
+from resim.simulation.reactive.settings import ReactiveSettings
 from resim.sweeps.sweep_file import read_sweep_file
+from resim.sweeps.varied import SweptDriver, _unlike
 from resim.variations.kernels import write_kernels
 from resim.variations.settings import VariationSettings, WhatVaries
 
@@ -62,6 +66,24 @@ def test_a_run_is_of_the_variation_of_its_number(tmp_path: Path) -> None:
     assert found.variations == {"unknown": 4}
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert "4 of 4 runs are not legitimised by a verified range of their origin" in page
+
+
+@pytest.mark.parametrize(
+    ("changed", "swept", "why"),
+    [
+        ({}, [], ""),
+        ({"build": "other"}, [], "another build was verified"),
+        ({"perception": None}, [], "another perception model was verified"),
+        ({"vehicle": "single_track"}, [], "another vehicle model was verified"),
+        ({"traffic": ReactiveSettings()}, [], "another traffic was verified"),
+        ({}, ["perception.latency.speed"], "perception.latency.speed is swept"),
+    ],
+)
+def test_trust_is_that_of_what_was_verified(changed: dict[str, object], swept: list[str], why: str) -> None:
+    files = {"build": SimpleNamespace(hash="b"), "perception": SimpleNamespace(hash="p")}
+    verified = SimpleNamespace(**files, vehicle="kinematic", traffic=None)
+    setup = replace(SweptDriver("b", "p", "kinematic", None), **changed)  # type: ignore[arg-type]
+    assert _unlike(verified, setup, swept) == why  # type: ignore[arg-type]
 
 
 def test_components_move_by_standard_deviations(tmp_path: Path) -> None:

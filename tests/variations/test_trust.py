@@ -54,6 +54,21 @@ def test_what_is_beyond_is_outside_and_says_why(motion: LaneMotion) -> None:
     assert "verified" in found.reason
 
 
+def test_beyond_a_range_by_less_than_its_resolution_is_outside() -> None:
+    """A KPI flips one resolution beyond the range: what lies between was not simulated."""
+    assert level(replace(BEFORE, s=BEFORE.s + 0.54 * T)) == "outside"
+    assert level(replace(BEFORE, s=BEFORE.s - 2.04)) == "outside"
+    assert level(replace(BEFORE, s=BEFORE.s + 0.04), (interval("gap", 0.0, 0.0, "m"),)) == "inside"
+
+
+def test_another_vehicle_or_weather_is_outside() -> None:
+    found = judged_trust({"1": BEFORE}, {"1": BEFORE}, RANGES, "object 1 is a truck of 12 m")
+    assert (found.level, found.reason) == (
+        "outside",
+        "object 1 is a truck of 12 m: verified is the origin's own",
+    )
+
+
 def test_a_parameter_that_was_not_verified_does_not_cover() -> None:
     faster = replace(BEFORE, s=BEFORE.s + 0.45 * T)
     assert level(faster, RANGES[1:]) == "outside"

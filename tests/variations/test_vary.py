@@ -1,5 +1,6 @@
 """Variations of a drive: deterministic, extendable, possible, near, and trusted no further than verified."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +13,12 @@ from traced import kernel_file
 from resim.core.errors import InputError
 from resim.core.halton import halton
 from resim.core.overlaps import first_overlaps
+from resim.jobs.export import export_rocrate
 from resim.jobs.play import played_drive
-from resim.jobs.vary import Variations, VaryOptions, read_variations, vary
+from resim.jobs.vary import Variations, VaryOptions, _other, read_variations, vary
 from resim.recordings import RecordingTables, read_recording
 from resim.recordings.checks import examine
+from resim.results import write_parquet
 from resim.road.opendrive import load
 from resim.scenario.augmentation.settings import VehicleType, Weather
 from resim.scenario.jscen import read_jscen
@@ -23,6 +26,7 @@ from resim.scenario.scenario import describe
 from resim.variations.candidate import varied_drive
 from resim.variations.kernels import write_kernels
 from resim.variations.origin import NamedManeuver, the_origin
+from resim.variations.search import FoundVariation
 from resim.variations.settings import VariationSettings, WhatVaries
 
 DRIVE = Path(__file__).parents[2] / "scenarios" / "cut_in_brake"
@@ -49,6 +53,17 @@ def varied(kernels: Path, tmp_path_factory: pytest.TempPathFactory) -> Variation
     out = tmp_path_factory.mktemp("varied") / "out"
     what = WhatVaries(objects=("1",))
     return vary(DRIVE, kernels, out, count=16, options=VaryOptions(what, settings, workers=1))
+
+
+def test_what_was_changed_is_not_read_and_another_vehicle_is_told(varied: Variations, tmp_path: Path) -> None:
+    shutil.copytree(varied.folder, tmp_path / "v")
+    assert len(read_variations(tmp_path / "v").table) == 16
+    write_parquet(varied.table.assign(trust="inside"), tmp_path / "v" / "variations.parquet")
+    with pytest.raises(InputError, match="was changed after it was written"):
+        read_variations(tmp_path / "v")
+    drive = FoundVariation(1, np.zeros(1), None, "", (("1", "van", 5.4, 2.0),), (("rain", "yes"),))
+    assert _other(drive) == "object 1 is a van of 5.4 m; its weather is another one"
+    assert _other(replace(drive, sizes=(), environment=())) == ""
 
 
 def test_more_start_with_the_same_whoever_works(varied: Variations, kernels: Path, tmp_path: Path) -> None:
@@ -128,6 +143,11 @@ def test_the_original_is_where_nothing_is_changed() -> None:
     np.testing.assert_allclose(after.x, before.x, atol=1e-4)
     np.testing.assert_allclose(after.y, before.y, atol=1e-4)
     assert found.distance == 0.0
+
+
+def test_variations_are_packed_as_a_crate(varied: Variations, tmp_path: Path) -> None:
+    found = export_rocrate(varied.folder, tmp_path / "crate")
+    assert {"variations.json", "variations.parquet", "ro-crate-metadata.json"} <= set(found.files)
 
 
 def test_the_player_shows_a_bundle(varied: Variations) -> None:

@@ -2,7 +2,8 @@
 
     python tools/bench/function.py [--steps 20000] [--objects 8] [--build unit.toml]
 
-All are asked in turns by the same lists, so that all see the same machine. Prints JSON at the end.
+Each is asked in turns with the class here by the same lists, so that both see the same machine, and one after the
+other: threads of gRPC would slow down who is asked beside it. Prints JSON at the end.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from resim.core.geometry import Floats
 from resim.road.driven_route import NO_ROUTE
 from resim.road.opendrive import load
 from resim.simulation.function.interface import AdFunction, EgoState, Perceived, Setup, load_build
@@ -52,61 +54,55 @@ def served(build: Path) -> Iterator[str]:
         server.terminate()
 
 
+def compared(builds: Sequence[Path], steps: int, objects: int) -> Floats:
+    """Times [s] (steps, 2) of the answers of two builds, which are asked in turns by the same lists."""
+    rng, start = np.random.default_rng(0), EgoState(0.0, 0.0, 0.0, 20.0)
+    road = load(ROOT / "networks" / "proving_ground.xodr")
+    setup = Setup(road, start, (100.0, 0.0), 4.7, 1.9, 0.04, 0, None, NO_ROUTE)
+    functions = []
+    for path in builds:
+        build = load_build(path)
+        with build.factory.afresh():
+            functions.append(build.make())
+    for function in functions:
+        function.reset(setup)
+    texts = np.array([str(k) for k in range(objects)]), np.array(["car"] * objects)
+    times = np.empty((steps, len(functions)))
+    for k in range(steps):
+        p = Perceived(0.04 * k, start, *texts, *rng.normal(0.0, 30.0, (6, objects)))
+        times[k] = [taken(function, p) for function in functions]
+    for function in functions:
+        function.close()
+    return times[100:]
+
+
 def main() -> None:
-    """Ask all in turns."""
+    """Ask each way in turns with the class in this process, one way after the other."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--steps", type=int, default=20000)
     parser.add_argument("--objects", type=int, default=8)
     parser.add_argument("--build", type=Path, help="a build of another kind, asked as well")
     args = parser.parse_args()
-    n, rng = args.objects, np.random.default_rng(0)
-    start = EgoState(0.0, 0.0, 0.0, 20.0)
-    setup = Setup(
-        load(ROOT / "networks" / "proving_ground.xodr"),
-        start,
-        (100.0, 0.0),
-        4.7,
-        1.9,
-        0.04,
-        0,
-        None,
-        NO_ROUTE,
-    )
+    found: dict[str, float] = {"objects": args.objects}
+    head, factory = 'name = "pilot"\nversion = "1"\n', 'factory = "pilot:Pilot"\n'
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         (Path(folder) / "pilot.py").write_text(PILOT, encoding="utf-8")
-        functions = []
-        head, factory = 'name = "pilot"\nversion = "1"\n', 'factory = "pilot:Pilot"\n'
-        ways = {"here": factory, "apart": f'{factory}[process]\npython = "{sys.executable}"\n', "grpc": ""}
-        for name, text in ways.items():
-            path = Path(folder) / f"{name}.toml"
-            if name == "grpc":
-                text = f'[grpc]\naddress = "{stack.enter_context(served(path.with_name("apart.toml")))}"\n'
-            path.write_text(head + text, encoding="utf-8")
-            build = load_build(path)
-            with build.factory.afresh():
-                functions.append(build.make())
+        here, apart, grpc = (Path(folder) / f"{name}.toml" for name in ("here", "apart", "grpc"))
+        here.write_text(head + factory, encoding="utf-8")
+        apart.write_text(f'{head}{factory}[process]\npython = "{sys.executable}"\n', encoding="utf-8")
+        ways = {"in its own process": ("", apart), "over gRPC, relayed": ("grpc_", grpc)}
         if args.build is not None:
-            build = load_build(args.build)
-            with build.factory.afresh():
-                functions.append(build.make())
-        for function in functions:
-            function.reset(setup)
-        texts = np.array([str(k) for k in range(n)]), np.array(["car"] * n)
-        times = np.empty((args.steps, len(functions)))
-        for k in range(args.steps):
-            p = Perceived(0.04 * k, start, *texts, *rng.normal(0.0, 30.0, (6, n)))
-            times[k] = [taken(function, p) for function in functions]
-        for function in functions:
-            function.close()
-    us = 1e6 * times[100:]
-    found: dict[str, float] = {"objects": n}
-    names = ("in this process", "in its own", "over gRPC, relayed", str(args.build))
-    for name, column in zip(names, us.T, strict=False):
-        print(f"{name}: median {np.median(column):.1f} us, 99 % {np.quantile(column, 0.99):.1f} us")
-    for name, column in zip(("", "grpc_", "build_"), us.T[1:], strict=False):
-        more = column - us[:, 0]
-        found[f"{name}overhead_us"] = round(float(np.median(more)), 1)
-        found[f"{name}overhead_p99_us"] = round(float(np.quantile(more, 0.99)), 1)
+            ways[str(args.build)] = ("build_", args.build)
+        for name, (short, path) in ways.items():
+            if path is grpc:
+                address = stack.enter_context(served(apart))
+                grpc.write_text(f'{head}[grpc]\naddress = "{address}"\n', encoding="utf-8")
+            us = 1e6 * compared((here, path), args.steps, args.objects)
+            more = us[:, 1] - us[:, 0]
+            medians = f"median {np.median(us[:, 1]):.1f} us (here {np.median(us[:, 0]):.1f} us)"
+            print(f"{name}: {medians}, 99 % {np.quantile(us[:, 1], 0.99):.1f} us")
+            found[f"{short}overhead_us"] = round(float(np.median(more)), 1)
+            found[f"{short}overhead_p99_us"] = round(float(np.quantile(more, 0.99)), 1)
     print(json.dumps(found))
 
 

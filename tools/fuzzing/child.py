@@ -10,7 +10,9 @@ import sys
 import tempfile
 import traceback
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from random import Random
 
 MEMORY = 4 << 30
 SESSION = "resim-"
@@ -41,18 +43,11 @@ def main(kind: str, seed: int, numbers: range, scratch: str) -> None:
 
 
 def _one(kind: str, seed: int, number: int, folder: Path, said: int) -> tuple[str, str]:
-    from fuzzing import entries, inputs
-
     own = folder / str(number)
     own.mkdir()
     try:
-        path = inputs.make(kind, seed, number, own)
-        before = _tree(own)
-        if inputs.whole_run(kind, seed, number):
-            what, text = entries.run(path, own, accept=number % 3 > 0)
-        else:
-            names = (str(own), str(inputs.GROUND)) if kind == "jscen" else (str(own),)
-            what, text = entries.outcome(entries.steps(kind, path, own, number), names)
+        before, run = _made(kind, seed, number, own)
+        what, text = run()
         sys.stderr.flush()
         told = os.pread(said, 3000, 0).decode(errors="replace")
         faults = ("Traceback", "Warning", "unexpected ", "the process ")
@@ -67,6 +62,21 @@ def _one(kind: str, seed: int, number: int, folder: Path, said: int) -> tuple[st
         return "FAILURE", traceback.format_exc(limit=-8)[-3000:]
     finally:
         shutil.rmtree(own, ignore_errors=True)
+
+
+def _made(kind: str, seed: int, number: int, own: Path) -> tuple[set[str], Callable[[], tuple[str, str]]]:
+    """Make the input; give the names of what is in the folder then, and what gives the input to resim."""
+    from fuzzing import entries, foreign, inputs
+
+    if kind in foreign.KINDS:
+        made = foreign.make(kind, Random(f"{kind} {seed} {number}"), own)
+        names = (str(own), "--")  # options are named by their name
+        return _tree(own), lambda: entries.outcome(iter([lambda: entries.imported(made, own)]), names)
+    path = inputs.make(kind, seed, number, own)
+    if inputs.whole_run(kind, seed, number):
+        return _tree(own), lambda: entries.run(path, own, accept=number % 3 > 0)
+    names = (str(own), str(inputs.GROUND)) if kind == "jscen" else (str(own),)
+    return _tree(own), lambda: entries.outcome(entries.steps(kind, path, own, number), names)
 
 
 def _tree(folder: Path) -> set[str]:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from fuzzing.foreign import Import
 from fuzzing.inputs import GROUND, ROOT
 from resim import cli
-from resim.core.errors import ResimError
-from resim.recordings import read_tables
+from resim.core.errors import InputError, ResimError
+from resim.recordings import Recording, RecordingTables, read_tables, write_tables
 from resim.recordings.checks import CODES, examine
+from resim.recordings.formats.registry import FORMATS
 from resim.recordings.source import recording_of
 from resim.report import write_map_page
 from resim.resimulation import refuse_flaws
@@ -125,6 +129,22 @@ def _recording(path: Path, folder: Path) -> Iterator[Step]:
         recording_of(tables, lenient=True)
 
     yield read
+
+
+def imported(made: Import, folder: Path) -> None:
+    """Import a recording of others as `resim import` does, and read what is written."""
+    reader = next(one for one in FORMATS if one.name == made.form).reader
+    found = reader(made.file, map=GROUND, **{"ego": None, "start": None, "end": None} | made.options)
+    if isinstance(found, Recording):
+        found = replace(RecordingTables.of(found), gt_file=made.file, sd_file=made.file)
+    write_tables(found, folder / "out")
+    again = read_tables(folder / "out")
+    for table in (again.gt, again.sd):
+        if table is not None and not np.isfinite(table["t"]).all():
+            raise FailureError("a time is not finite")
+    examine(again, _ground())
+    with contextlib.suppress(InputError):  # what `resim check` would say first
+        recording_of(again, lenient=True)
 
 
 def run(path: Path, folder: Path, *, accept: bool) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """Speeding and standing (Kaefer 2022, 4.5.6.5 and 4.5.6.6).
 
-Readings taken: strictly above the limit; without a limit nothing is judged. Standing is a speed of 0 there, which
-measured speeds never have: here up to a threshold, either way.
+Readings taken: strictly above the limit, noise of the speed apart; without a limit nothing is judged. Standing is a
+speed of 0 there, which measured speeds never have: here up to a threshold, either way.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import numpy as np
 
 from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
-from resim.mining.runs import joined, stretches
+from resim.mining.runs import changes, joined, stretches
 from resim.mining.settings import MiningSettings
+from resim.mining.smoothing import below
 
 SPEEDING, STANDING = "speeding", "standing"
 
@@ -27,8 +28,9 @@ def find_speeding(
     if rules.limit is not None:
         limit = np.where(np.isnan(limit), rules.limit, limit)
     over = samples.v - limit
-    holds = (over > rules.tolerance) & samples.kinds(frozenset(settings.kinds))
-    first, last = stretches(holds, samples.piece_of)
+    known = np.nan_to_num(limit, nan=np.inf)  # where there is no limit nobody is above it
+    holds = below(samples.t, known + rules.tolerance - samples.v, changes(samples.piece_of, known))
+    first, last = stretches(holds & samples.kinds(frozenset(settings.kinds)), samples.piece_of)
     for start, end in joined(first, last, samples.t, samples.piece_of, rules.join, 0.0):
         worst = start + int(np.nanargmax(over[start : end + 1]))
         figures = {

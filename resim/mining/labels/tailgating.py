@@ -4,7 +4,7 @@ Required: half the speedometer reading in metres, in towns the way of one second
 the distance, centre to centre along the lane, is below it (the printed difference has the wrong sign); exactly 100 km/h
 below 30 % is moderate; 80 km/h belongs to the upper band. Who enters ahead gives three seconds (above 160 km/h at that
 moment one): labels start after them, unless the follower itself changed lane, or the distance was restored in between.
-A label is as long as severity and leader stay the same.
+A label is as long as severity and leader stay the same. All limits are such of noisy values (`smoothing.below`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from resim.core.geometry import Bools, Floats
 from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
-from resim.mining.runs import joined, stretches
+from resim.mining.runs import changes, joined, stretches
 from resim.mining.settings import MiningSettings, TailgatingSettings
+from resim.mining.smoothing import below
 
 LABELS = ("tailgating_minor", "tailgating_moderate", "tailgating_severe")
 KMH = 3.6
@@ -29,16 +30,23 @@ def required_distance(v: Floats, urban: Bools) -> Floats:
     return np.where(urban, v, 0.5 * KMH * v)
 
 
-def severity(distance: Floats, v: Floats, urban: Bools, rules: TailgatingSettings) -> NDArray[np.int8]:
-    """Give 0 for none, 1 minor, 2 moderate, 3 severe (K,) by distances [m] and speeds [m/s] (Table 4.3)."""
+def severity(
+    t: Floats, distance: Floats, v: Floats, urban: Bools, run: NDArray[np.intp], rules: TailgatingSettings
+) -> NDArray[np.int8]:
+    """Give 0 for none, 1 minor, 2 moderate, 3 severe (K,) by distances [m] and speeds [m/s], noise apart (Table 4.3).
+
+    run (K,): what counts the leaders, inf away where there is none.
+    """
+
+    def under(values: Floats) -> Bools:
+        return below(t, values, run)
+
     required = required_distance(v, urban)
     out = np.zeros(len(v), np.int8)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = distance / required
-    out[(distance < required) & (required > 0.0)] = 1
-    upper = (out > 0) & (v >= rules.minor_below)
-    out[upper & (share < rules.moderate_share)] = 2
-    out[upper & (share < rules.severe_share) & (v > rules.severe_above)] = 3
+    out[under(distance - required)] = 1
+    upper = (out > 0) & ~under(v - rules.minor_below)
+    out[upper & under(distance - rules.moderate_share * required)] = 2
+    out[upper & under(distance - rules.severe_share * required) & under(rules.severe_above - v)] = 3
     return out
 
 
@@ -50,8 +58,9 @@ def find(
     distance = flow.distance if rules.distance == "centre" else flow.gap
     led = (flow.leader >= 0) & features.with_lane[flow.leader] & samples.kinds(frozenset(settings.kinds))
     urban = _urban(features, rules)
-    codes = np.where(led, severity(np.where(led, distance, np.inf), samples.v, urban, rules), 0)
     run = leader_runs(features)
+    away = np.where(led, distance, np.inf)
+    codes = severity(samples.t, away, samples.v, urban, changes(run, led, urban), rules)
     codes[privileged(features, run, led & (codes == 0), rules)] = 0
     group = 4 * run + codes
     first, last = stretches(codes > 0, group)
@@ -80,10 +89,7 @@ def _urban(features: Features, rules: TailgatingSettings) -> Bools:
 def leader_runs(features: Features) -> NDArray[np.intp]:
     """Give what counts (K,) the changes of leader, and of the piece of the track."""
     samples, leader = features.samples, features.flow.leader
-    who = np.where(leader >= 0, samples.owner[leader], -1)
-    new = np.zeros(len(samples), dtype=bool)
-    new[1:] = (who[1:] != who[:-1]) | (samples.piece_of[1:] != samples.piece_of[:-1])
-    return np.cumsum(new)
+    return changes(np.where(leader >= 0, samples.owner[leader], -1), samples.piece_of)
 
 
 def privileged(features: Features, run: NDArray[np.intp], kept: Bools, rules: TailgatingSettings) -> Bools:

@@ -55,6 +55,8 @@ def find(
     for a, b in zip(first.tolist(), last.tolist(), strict=True):
         if a == 0 or b + 1 == len(on) or group[a - 1] != group[a] or group[b + 1] != group[b]:
             continue  # not seen outside before or after
+        if features.row[on[a - 1]] == features.row[on[b + 1]]:
+            continue  # in and back again
         if broken[b + 1] != broken[a - 1]:
             continue  # the map says no way from one to the other
         angle = float(turning[b + 1] - turning[a - 1])

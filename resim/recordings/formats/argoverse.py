@@ -22,7 +22,7 @@ from resim.recordings.mapped.reader import matched
 from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables, check_extent
-from resim.recordings.tables import check_times, read_table
+from resim.recordings.tables import MOST_TURNED, check_times, read_table, row_problem
 from resim.recordings.window import asked_window, beyond_ego, times_of
 
 COLUMNS = ("timestep", "position_x", "position_y", "heading", "velocity_x", "velocity_y")
@@ -134,6 +134,10 @@ def _forecasting(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
     frame = raw.assign(kind=kind)[kind.notna()]
     if frame.empty:
         raise InputError(path, f"has no road user, only {', '.join(left.unique())}", "Give another scenario.")
+    if (turned := frame["heading"].abs() > MOST_TURNED).any():
+        row = frame.index[turned][0]
+        problem = f"heading is {frame['heading'][row]:g}, expected radians up to {MOST_TURNED:g}"
+        raise InputError(path, row_problem(frame, row, problem), "Download the scenario again.")
     heading = wrap_angle(frame["heading"].to_numpy(float))
     made = pd.DataFrame(
         {

@@ -15,6 +15,7 @@ from resim.core.schema import EXISTENCE
 from resim.recordings.logs.apart import read_apart
 from resim.recordings.logs.raw import need
 from resim.recordings.mapped.motion import REACH, speeds
+from resim.recordings.tables import BIGGEST
 
 AV = "AV"
 """What the EGO is called, as in motion forecasting."""
@@ -122,12 +123,16 @@ def _read(path: Path, required: tuple[str, ...], remedy: str, optional: tuple[st
         if name not in found:
             continue
         values = pd.to_numeric(found[name], errors="coerce")
-        wrong = ~np.isfinite(values.to_numpy(float)) | (values <= 0.0 if name in BOX else False)
+        most = np.inf if name == "timestamp_ns" else BIGGEST
+        wrong = ~(np.abs(values.to_numpy(float)) <= most) | (values <= 0.0 if name in BOX else False)
         if name == "timestamp_ns" and not pd.api.types.is_integer_dtype(values):
             raise InputError(path, "timestamp_ns is not of whole numbers", remedy)
         if wrong.any():
             row = found.index[np.asarray(wrong)][0]
-            raise InputError(path, f"row {row}: {name} is {found[name][row]}, expected a number", remedy)
+            value = str(found[name][row])[:50]
+            raise InputError(
+                path, f"row {row}: {name} is {value}, expected a number up to {BIGGEST:g}", remedy
+            )
     return found
 
 

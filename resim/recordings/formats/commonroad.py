@@ -17,6 +17,7 @@ from resim.core.xml import safe_root
 from resim.recordings.formats.registry import FORMATS, RecordingFormat
 from resim.recordings.present import existing_map
 from resim.recordings.recording import Recording, sample_rate
+from resim.recordings.tables import BIGGEST, MOST_TURNED
 from resim.recordings.window import cut_window
 
 VERSIONS = ("2018a", "2018b", "2020a")
@@ -116,7 +117,7 @@ def _trajectory(path: Path, obstacle: etree._Element, step: float) -> pd.DataFra
         rows["x"][n], rows["y"][n] = _position(path, state, place)
         if (height := state.findtext("position/point/z")) is not None:
             rows["z"][n] = _float(path, height, f"{place}: position z")
-        rows["heading"][n] = _value(path, state, "orientation", place)
+        rows["heading"][n] = _value(path, state, "orientation", place, MOST_TURNED)
         rows["v"][n] = _value(path, state, "velocity", place)
         for column, tag in (("yaw_rate", "yawRate"), ("a", "acceleration")):
             if state.find(tag) is not None:
@@ -135,7 +136,7 @@ def _standing(path: Path, obstacle: etree._Element, times: Floats) -> pd.DataFra
     where = f"obstacle {obstacle.get('id')}"
     state = _states(path, obstacle)[0]
     x, y = _position(path, state, where)
-    heading = _value(path, state, "orientation", where)
+    heading = _value(path, state, "orientation", where, MOST_TURNED)
     rest = {"t": times, "x": x, "y": y, "heading": heading, "v": 0.0, "yaw_rate": 0.0, "a": 0.0}
     return pd.DataFrame(rest | _identity(path, obstacle))
 
@@ -156,7 +157,10 @@ def _identity(path: Path, obstacle: etree._Element) -> dict[str, str | float]:
     if form is None or form.tag not in ("rectangle", "circle"):
         tags = "none" if shape is None else ", ".join(str(e.tag) for e in shape)
         raise InputError(path, f"obstacle {name}: shape is {tags}, expected one rectangle or circle")
-    if any(float(e.text or 0.0) for e in form.iter("x", "y", "orientation")):
+    if any(
+        _float(path, e.text or "0", f"obstacle {name}: shape {e.tag}")
+        for e in form.iter("x", "y", "orientation")
+    ):
         raise InputError(path, f"obstacle {name}: its shape is offset or rotated relative to its position")
     if form.tag == "circle":
         length = width = 2.0 * _float(path, form.findtext("radius"), f"obstacle {name}: radius")
@@ -180,23 +184,23 @@ def _position(path: Path, state: etree._Element, where: str) -> tuple[float, flo
     return tuple(_float(path, point.findtext(c), f"{where}: position {c}") for c in ("x", "y"))  # type: ignore[return-value]
 
 
-def _value(path: Path, state: etree._Element, tag: str, where: str) -> float:
+def _value(path: Path, state: etree._Element, tag: str, where: str, most: float = BIGGEST) -> float:
     """The exact value, or the middle of the interval."""
     exact = state.findtext(f"{tag}/exact")
     if exact is not None:
-        return _float(path, exact, f"{where}: {tag}")
+        return _float(path, exact, f"{where}: {tag}", most)
     ends = (state.findtext(f"{tag}/interval{end}") for end in ("Start", "End"))
-    return 0.5 * sum(_float(path, end, f"{where}: {tag}") for end in ends)
+    return 0.5 * sum(_float(path, end, f"{where}: {tag}", most) for end in ends)
 
 
-def _float(path: Path, text: str | None, where: str) -> float:
+def _float(path: Path, text: str | None, where: str, most: float = BIGGEST) -> float:
     try:
         value = float(text or "")
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        found = "missing" if text is None else repr(text)
-        raise InputError(path, f"{where} is {found}, expected a finite number")
+    if not abs(value) <= most:
+        found = "missing" if text is None else repr(text[:50])
+        raise InputError(path, f"{where} is {found}, expected a finite number up to {most:g}")
     return value
 
 

@@ -23,7 +23,7 @@ from resim.core.tracks import Tracks
 from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
 from resim.recordings.present import existing_map
 from resim.recordings.recording import Recording
-from resim.recordings.tables import check_tracks, read_table
+from resim.recordings.tables import BIGGEST, check_tracks, read_table
 from resim.recordings.window import cut_window
 
 MOTION = ("xVelocity", "yVelocity", "xAcceleration", "yAcceleration")
@@ -38,6 +38,8 @@ KIND = {
 }  # fmt: skip
 # length, width [m] of what the data give no box for
 ASSUMED_SIZE = {"pedestrian": (0.5, 0.5), "bicycle": (1.8, 0.6), "motorcycle": (2.2, 0.8)}
+FASTEST, SLOWEST = 1e4, 1e-3
+"""Frames a second [Hz] at most and at least; the data have 25."""
 _STANDING = 0.5  # m/s; slower, the direction of the velocity says nothing
 
 
@@ -88,6 +90,10 @@ def _read(
     tracks_csv: Path, *, alignment: tuple[float, float, float] | None = None, **window: Any
 ) -> Recording:
     """`read_highd` as the command calls it."""
+    if alignment and not all(abs(value) <= BIGGEST for value in alignment):
+        raise InputError(
+            "--alignment", f"is {alignment}, expected finite numbers", "Give x [m], y [m] and rotation [rad]."
+        )
     return read_highd(tracks_csv, alignment=Alignment(*alignment) if alignment else None, **window)
 
 
@@ -119,8 +125,8 @@ def _stem(tracks_csv: Path) -> str:
 def _frame_rate(path: Path) -> float:
     """Frames a second [Hz]."""
     rate = float(read_table(path, required=("frameRate",), text=TEXT)["frameRate"].iloc[0])
-    if rate <= 0.0:
-        raise InputError(path, f"frameRate is {rate:g}, expected a number above 0")
+    if not SLOWEST <= rate <= FASTEST:
+        raise InputError(path, f"frameRate is {rate:g}, expected {SLOWEST:g} to {FASTEST:g} Hz")
     return rate
 
 
@@ -133,6 +139,8 @@ def _read_tracks(path: Path, meta_path: Path, frame_rate: float) -> pd.DataFrame
     else:
         meta = read_table(meta_path, required=HIGHD_META, text=TEXT).set_index("id")
         raw = _from_corners(read_table(path, required=HIGHD_TRACKS, text=TEXT))
+    if len(torn := raw.loc[raw["frame"] % 1.0 != 0.0, "frame"]):
+        raise InputError(path, f"row {torn.index[0]}: frame is {torn.iloc[0]:g}, expected a whole number")
     if not meta.index.is_unique:
         raise InputError(meta_path, f"vehicle {meta.index[meta.index.duplicated()][0]!r} is a duplicate")
     if len(unknown := raw.loc[~raw["id"].isin(meta.index), "id"]):

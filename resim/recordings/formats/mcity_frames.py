@@ -125,7 +125,8 @@ def _objects(path: Path, n: int, objects: list[Any], numbers: Sequence[str]) -> 
 
 
 def _name(path: Path, where: str, field: str, value: object) -> str:
-    if isinstance(value, str | int) and not isinstance(value, bool) and str(value).strip():
+    half = isinstance(value, str) and any("\ud800" <= c <= "\udfff" for c in value)  # of a character
+    if isinstance(value, str | int) and not isinstance(value, bool) and str(value).strip() and not half:
         return str(value).strip()
     raise InputError(path, f"{where}: {field} is {_short(value)}, expected a text or a whole number", CORRECT)
 

@@ -31,6 +31,7 @@ from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFo
 from resim.recordings.present import existing_map
 from resim.recordings.settings import Settings
 from resim.recordings.source import RecordingTables
+from resim.recordings.tables import MOST_TURNED
 from resim.recordings.window import asked_window, beyond_ego, times_of
 
 _VEHICLES = {
@@ -185,6 +186,9 @@ def _box(trace: Path, place: str, base: Any) -> tuple[float, float, float, float
     heading = math.nan
     if base.HasField("orientation"):  # what is 0 may be left out within it
         heading = _number(trace, f"{place}: base.orientation.yaw", base.orientation, "yaw", 0.0)
+        if abs(heading) > MOST_TURNED:
+            problem = f"{place}: base.orientation.yaw is {heading:g}, expected radians up to {MOST_TURNED:g}"
+            raise InputError(trace, problem, REMEDY)
     length, width = (
         _number(trace, f"{place}: base.dimension.{name}", base.dimension, name)
         for name in ("length", "width")

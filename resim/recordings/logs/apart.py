@@ -41,8 +41,9 @@ def read_apart(
         command = [sys.executable, "-m", module, str(path.absolute()), str(out), *more]
         try:
             done = subprocess.run(
-                command, capture_output=True, timeout=seconds, check=False, stdin=subprocess.DEVNULL
-            )
+                command, capture_output=True, timeout=seconds, check=False, stdin=subprocess.DEVNULL,
+                env={**os.environ, "TMPDIR": folder},  # what the library leaves behind goes with the folder
+            )  # fmt: skip
         except subprocess.TimeoutExpired as e:
             raise InputError(
                 path, f"was not read within {seconds} s: it is damaged, or too large", remedy

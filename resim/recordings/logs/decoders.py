@@ -44,7 +44,10 @@ def decoder(
 
 def _of_json(body: bytes) -> object:
     try:
-        return json.loads(body)
+        found = json.loads(body)
+        if b"\\ud" in body.lower():
+            json.dumps(found, ensure_ascii=False).encode()  # half a character is no text
+        return found
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     except UnicodeDecodeError as e:

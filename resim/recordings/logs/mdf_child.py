@@ -10,6 +10,8 @@ from resim.recordings.logs.apart import serve
 from resim.recordings.logs.flat import LOG_TIME
 from resim.recordings.logs.limits import MOST_CELLS
 
+VARIABLE_LENGTH = 1
+"""Flag of a channel group."""
 MOST_WIDE = 64
 """Numbers of a channel's array that become columns of their own."""
 
@@ -52,6 +54,7 @@ def _samples(measurement: Any, number: int) -> dict[str, np.ndarray]:
         raise ValueError(
             f"{count} samples of {len(channels)} channels are too many, up to {MOST_CELLS} values"
         )
+    _check_count(measurement.groups[number], count)
     signals = measurement.select([(None, number, n) for n in range(len(channels))], raw=False)
     found: dict[str, np.ndarray] = {}
     for channel, signal in zip(channels, signals, strict=True):
@@ -64,6 +67,20 @@ def _samples(measurement: Any, number: int) -> dict[str, np.ndarray]:
             raise ValueError("its times are no seconds")
         found[LOG_TIME] = int(measurement.header.abs_time) + np.round(times * 1e9).astype("int64")
     return found
+
+
+def _check_count(group: Any, count: int) -> None:
+    """Raise ValueError where a group has not as many samples as it counts: asammdf would make up those that lack.
+
+    Not looked at: groups of values of variable length, of records with ids, and of columns.
+    """
+    head = group.channel_group
+    size = head.samples_byte_nr + head.invalidation_bytes_nr
+    if not size or head.flags & VARIABLE_LENGTH or group.data_group.record_id_len or group.uses_ld:
+        return
+    there = max(0, sum(block.original_size for block in group.get_data_blocks())) // size
+    if there != count:
+        raise ValueError(f"{count} samples are counted and {there} are there: it was not written to its end")
 
 
 def _take(found: dict[str, np.ndarray], name: str, samples: np.ndarray, invalid: np.ndarray | None) -> None:

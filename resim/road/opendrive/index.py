@@ -81,10 +81,11 @@ class LaneIndex:
     def __init__(self, lines: ReferenceLines, lanes: Lanes) -> None:
         self.lines, self.lanes = lines, lanes
 
-    def containing(self, x: Floats, y: Floats) -> Containing:
+    def containing(self, x: Floats, y: Floats, beyond: float = 0.0) -> Containing:
         """Give every lane at each position (N,) [m]; one more than once where its line bends too sharply for one foot.
 
-        A position without a foot, at a kink, has its place in the cell; a search that ends elsewhere found none.
+        beyond: m up to which a position beside a lane is on it too, at most MARGIN. A position without a foot, at a
+        kink, has its place in the cell; a search that ends elsewhere found none.
         """
         point, cell = self._cells_around(x, y)
         road, s, t, miss = self._feet(x[point], y[point], cell)
@@ -92,7 +93,9 @@ class LaneIndex:
         row = c.row[cell]
         offset, width = self.lanes.centre_and_width(row, s)
         lateral = t - offset
-        inside = self._holds(row, road, s) & (np.abs(lateral) <= 0.5 * width + INSIDE) & (width > 0.0)
+        inside = (
+            self._holds(row, road, s) & (np.abs(lateral) <= 0.5 * width + beyond + INSIDE) & (width > 0.0)
+        )
         inside &= (miss <= LOST) | ((s >= c.low[cell] - MARGIN) & (s <= c.high[cell] + MARGIN))
         return Containing(point[inside], road[inside], row[inside], s[inside], lateral[inside], miss[inside])
 

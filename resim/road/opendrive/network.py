@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats, constant, wrap_angle
 from resim.road.opendrive.heights import raised
-from resim.road.opendrive.index import LaneIndex
+from resim.road.opendrive.index import INSIDE, LaneIndex
 from resim.road.opendrive.lanes import Lanes, reexpanded
 from resim.road.opendrive.model import Controller, Header, Junction, Road, Unread
 from resim.road.opendrive.reader import ModelReader
@@ -62,13 +62,14 @@ class LanePlaces:
     """M pairs of a position and a lane that it is on, of whatever type.
 
     point: which position (M,), in order; row: of the lane in `RoadNetwork.lane_table` (M,); s: m along the road (M,);
-    t: m left of the lane centre (M,).
+    t: m left of the lane centre (M,); beyond: m by which it is beyond the lane's border, 0 within (M,).
     """
 
     point: Ints
     row: Ints
     s: Floats
     t: Floats
+    beyond: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,19 +146,23 @@ class RoadNetwork:
         heading = self._lines.evaluate(road, s).heading + turned
         return DrivingLanes(found.point[kept], self._ids[road], heading, z)
 
-    def lanes_at(self, x: ArrayLike, y: ArrayLike) -> LanePlaces:
+    def lanes_at(self, x: ArrayLike, y: ArrayLike, *, beyond: float = 0.0) -> LanePlaces:
         """Give all lanes, side by side and one above the other, at positions x, y (N,) [m]; none where one is NaN.
 
+        beyond: m, up to 0.3, by which a position may be beyond a lane's border.
         Where the line of a road bends so sharply that a lane has several places there, it is that next to its centre.
         """
         x_, y_ = (np.atleast_1d(np.asarray(a, dtype=float)).ravel() for a in (x, y))
         known = np.flatnonzero(np.isfinite(x_) & np.isfinite(y_))
-        found = self._index.containing(x_[known], y_[known])
+        found = self._index.containing(x_[known], y_[known], beyond)
         order = np.lexsort((np.abs(found.lateral), found.miss, found.row, found.point))
         new = np.ones(len(order), dtype=bool)
         new[1:] = (np.diff(found.point[order]) != 0) | (np.diff(found.row[order]) != 0)
         order = order[new]
-        return LanePlaces(known[found.point[order]], found.row[order], found.s[order], found.lateral[order])
+        row, s, t = found.row[order], found.s[order], found.lateral[order]
+        _, width = self._lanes.centre_and_width(row, s)
+        outside = np.maximum(np.abs(t) - 0.5 * width, 0.0)
+        return LanePlaces(known[found.point[order]], row, s, t, np.where(outside > INSIDE, outside, 0.0))
 
     @property
     def lane_table(self) -> Lanes:

@@ -43,10 +43,14 @@ class DrivenRoute:
 
 
 def lane_changes(name: str, route: DrivenRoute) -> Iterator[TrueManeuver]:
-    """Give the lane changes that are begun, and cross a border: their defining moment."""
+    """Give the lane changes that are begun, and cross a border: their defining moment.
+
+    To leave the driven lanes, for the shoulder or the field, is none.
+    """
     for first, last in route.changed.values():
         one, two = route.pieces[first], route.pieces[last]
-        if one.lane == one.to_lane:
+        section = two.network.roads[two.road].sections[two.section]
+        if one.lane == one.to_lane or not section.lanes[two.to_lane].drivable:
             continue
         crossing = _crossing(route, first, last)
         if np.isfinite(crossing):

@@ -17,7 +17,7 @@ import msgpack
 import numpy as np
 
 from resim.core.errors import FunctionError
-from resim.core.geometry import Floats, constant
+from resim.core.geometry import Bools, Floats, constant
 from resim.core.plugins.watchdog import Watchdog
 from resim.function import framed, packed
 from resim.road.driven_route import driven_route
@@ -50,6 +50,20 @@ class Check:
     found: str
 
 
+@dataclass(frozen=True)
+class _Answers:
+    """What a function answered in one run: commands (STEPS, 2), and its plan in each step, None for none."""
+
+    commands: Floats
+    plans: tuple[Floats | None, ...]
+
+    def differ(self, other: _Answers) -> Bools:
+        """Say in which steps (STEPS,) it answered otherwise."""
+        pairs = zip(self.plans, other.plans, strict=True)
+        plans = [(a is None) != (b is None) or not np.array_equal(a, b) for a, b in pairs]  # type: ignore[arg-type]
+        return np.asarray((self.commands != other.commands).any(axis=1) | np.array(plans))
+
+
 def conformance(build: Build, road: RoadNetwork, start: EgoState) -> Iterator[Check]:
     """Give what holds of a build. start: where the EGO begins on the road, with room for 160 m straight on.
 
@@ -61,7 +75,7 @@ def conformance(build: Build, road: RoadNetwork, start: EgoState) -> Iterator[Ch
         return
     answers, times = first[0][0], first[1]
     yield Check("answers", True, f"{STEPS} lists answered, the first and the last without any object")
-    most, tightest = np.abs(answers).max(axis=0)
+    most, tightest = np.abs(answers.commands).max(axis=0)
     sane = most <= HARDEST and tightest <= TIGHTEST
     yield Check("units", bool(sane), f"up to {most:.3g} m/s² and {tightest:.3g} 1/m at {SPEED:g} m/s")
     yield _same("determinism", answers, _alone(build, road, start), "the same again in a second run")
@@ -78,6 +92,7 @@ def conformance(build: Build, road: RoadNetwork, start: EgoState) -> Iterator[Ch
     if build.in_batches:
         yield _batches(build, road, start, answers)
     if isinstance(build.program, FunctionProgram | GrpcProgram):
+        yield _restart(build, road, start, answers)
         yield _malformed(build)
 
 
@@ -109,7 +124,25 @@ def _other_answer(k: int, asked: bytes, found: bytes, recorded: bytes) -> str:
     return f"{where}: {difference(framed(found), framed(recorded))}"
 
 
-def _batches(build: Build, road: RoadNetwork, start: EgoState, answers: Floats) -> Check:
+def _restart(build: Build, road: RoadNetwork, start: EgoState, answers: _Answers) -> Check:
+    """Whether a run gets the same answers after one that was broken off, without `close`."""
+    try:
+        with Watchdog() as watchdog, build.factory.afresh():
+            function = build.make()
+            assert isinstance(function, MessageFunction)
+            try:
+                watchdog.call(RESET_LIMIT, function.reset, _setup(road, start))
+                for k in range(STEPS // 2):
+                    watchdog.call(build.time_limit, function.step, _seen(k, start, 0))
+            finally:
+                function.abandon()
+    except FunctionError as e:
+        return Check("restart", False, str(e))
+    again = "the same again after a run that was broken off"
+    return _same("restart", answers, _alone(build, road, start), again)
+
+
+def _batches(build: Build, road: RoadNetwork, start: EgoState, answers: _Answers) -> Check:
     """Whether runs at once, which differ in their speeds and in what they see, get the answers that each gets alone."""
     starts = tuple(start._replace(v=start.v - SLOWER * b) for b in range(RUNS))
     together = _asked(build, road, starts)
@@ -125,30 +158,26 @@ def _batches(build: Build, road: RoadNetwork, start: EgoState, answers: Floats) 
     return Check("batches", True, f"the same for {RUNS} different runs at once as for each alone")
 
 
-def _same(name: str, answers: Floats, again: Floats | str, what: str) -> Check:
+def _same(name: str, answers: _Answers, again: _Answers | str, what: str) -> Check:
     if isinstance(again, str):
         return Check(name, False, again)
-    differ = np.flatnonzero((answers != again).any(axis=1))
-    where = (
-        ""
-        if not len(differ)
-        else f"not {what}: {len(differ)} of {len(answers)} answers differ, first that at "
-    )
+    differ = np.flatnonzero(answers.differ(again))
+    where = "" if not len(differ) else f"not {what}: {len(differ)} of {STEPS} answers differ, first that at "
     return Check(name, not len(differ), f"{where}{differ[0] * STEP:.2f} s" if where else what)
 
 
 def _alone(
     build: Build, road: RoadNetwork, start: EgoState, *, pause: float = 0.0, run: int = 0
-) -> Floats | str:
-    """Answers (STEPS, 2) of a run that is asked alone; run: which of those of a batch it is."""
+) -> _Answers | str:
+    """Answers of a run that is asked alone; run: which of those of a batch it is."""
     found = _asked(build, road, (start,), pause=pause, first=run)
     return found if isinstance(found, str) else found[0][0]
 
 
 def _asked(
     build: Build, road: RoadNetwork, starts: Sequence[EgoState], *, pause: float = 0.0, first: int = 0
-) -> tuple[Floats, Floats] | str:
-    """Answers (B, STEPS, 2) and times [s] of whole drives, asked at once; else why there are none.
+) -> tuple[list[_Answers], Floats] | str:
+    """Answers and times [s] of B whole drives, asked at once; else why there are none.
 
     first: which of the runs of a batch the first is, which says what it sees.
     """
@@ -165,16 +194,21 @@ def _asked(
                     batch = stacked(seen, [keys.of_traffic(one.ids) for one in seen])
                     time.sleep(pause)
                     begin = time.perf_counter()
-                    answer = driver.step(batch, keep=False)
+                    answer = driver.step(batch, keep=True)
                     times[k] = time.perf_counter() - begin
                     if not isinstance(answer, np.ndarray):
                         return "places the EGO, which oracles do"
                     answers[:, k] = answer
+                plans = [dict(driver.plans(b, np.inf)) for b in range(runs)]
             finally:
                 driver.close()
     except FunctionError as e:
         return str(e) + (f" ({e.words})" if e.words else "")
-    return answers, times
+    told = [
+        _Answers(of_run, tuple(made.get(k * STEP) for k in range(STEPS)))
+        for of_run, made in zip(answers, plans, strict=True)
+    ]
+    return told, times
 
 
 def _setup(road: RoadNetwork, start: EgoState) -> Setup:

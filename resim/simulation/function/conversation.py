@@ -1,14 +1,15 @@
 """A conversation with a function, recorded: what it was asked and answered in a run, byte for byte.
 
-A file is a row of messages, each its length and msgpack, as they are sent: first who spoke (`Speaker`), then in turn
-what was asked and what was answered, empty where no answer came. It takes the function's place (`RecordedPartner`), or
-is held against it.
+A file is a row of messages, each its length and msgpack, as they are sent: first who spoke (`Speaker`) with a checksum
+of the whole, then in turn what was asked and what was answered, empty where no answer came. It takes the function's
+place (`RecordedPartner`), or is held against it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -19,10 +20,11 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from resim.core.errors import FunctionError, InputError
 from resim.core.files import read_file
+from resim.core.sealed import CHECKSUM
 from resim.function import framed, packed
 
 SUFFIX = ".conversation"
-VERSION = 1
+VERSION = 2
 REMEDY = "Record it again, with `resim run --record`."
 Exchange = tuple[bytes, bytes]
 CycleTime = Annotated[float | None, Field(strict=True, gt=0, allow_inf_nan=False)]
@@ -55,10 +57,9 @@ class Conversation:
 
     def packed(self) -> bytes:
         """Give it as a file holds it."""
-        parts = [packed({"conversation": VERSION, "failure": self.failure, **asdict(self.speaker)})]
-        for asked, answered in self.exchanges:
-            parts += [asked, framed(answered)]
-        return b"".join(parts)
+        head = {"conversation": VERSION, "failure": self.failure, **asdict(self.speaker)}
+        rest = b"".join(part for asked, answered in self.exchanges for part in (asked, framed(answered)))
+        return packed({**head, CHECKSUM: _checksum(head, rest)}) + rest
 
     @cached_property
     def first(self) -> bytes:
@@ -82,36 +83,57 @@ def build_file(speaker: Speaker) -> str:
     return f'{told}\nname = {name}\nversion = {version}\n\n[recorded]\nconversations = "."\n'
 
 
-def read_conversation(path: Path) -> Conversation:
-    """Read a file. Raises InputError for one that is cut, or none."""
-    raw = read_file(path, REMEDY)
+def read_conversation(path: Path, named: Path | None = None) -> Conversation:
+    """Read a file; named: what errors call it. Raises InputError for one that is cut, changed since, or none."""
+    raw, where = read_file(path, REMEDY), named or path
     try:
         head, *rest = _messages(raw)
-        said = msgpack.unpackb(head[4:])
-        failure = said.pop("failure")
-        if (
-            said.pop("conversation") != VERSION
-            or not isinstance(failure, str)
-            or set(said) != {f.name for f in fields(Speaker)}
-        ):
+        said = _map_of(head, "its first message")
+        if said.get("conversation") != VERSION:
+            raise ValueError(f"does not begin with conversation = {VERSION}")
+        if said.pop(CHECKSUM, None) != _checksum(said, raw[len(head) :]):
+            raise InputError(where, "was changed after it was recorded: its checksum does not match", REMEDY)
+        failure = said.pop("failure", None)
+        del said["conversation"]
+        if not isinstance(failure, str) or set(said) != {f.name for f in fields(Speaker)}:
             raise ValueError("begins otherwise")
         if not rest or len(rest) % 2:
             raise ValueError(f"has {len(rest)} messages, expected questions with an answer each")
-        pairs = zip(rest[::2], (answered[4:] for answered in rest[1::2]), strict=True)
-        found = Conversation(_SPEAKER.validate_python(said), tuple(pairs), failure, path.name)
-        if not isinstance(found.parameters, dict) or not all(
-            isinstance(name, str) for name in found.parameters
-        ):
+        asked = [_map_of(question, f"question {k}") for k, question in enumerate(rest[::2], start=1)]
+        if not _has_text_names(asked[0].get("parameters")):
             raise ValueError("its first message has no parameters, each with a text as name")
+        pairs = zip(rest[::2], (answered[4:] for answered in rest[1::2]), strict=True)
+        return Conversation(_SPEAKER.validate_python(said), tuple(pairs), failure, path.name)
     except ValidationError as e:
         first = e.errors()[0]
-        raise InputError(path, f"speaker's {first['loc'][0]}: {first['msg']}", REMEDY) from e
-    except (ValueError, KeyError, TypeError, AttributeError, msgpack.UnpackException) as e:
-        raise InputError(path, f"is no recorded conversation: {e}", REMEDY) from e
-    return found
+        raise InputError(where, f"speaker's {first['loc'][0]}: {first['msg']}", REMEDY) from e
+    except ValueError as e:
+        raise InputError(where, f"is no recorded conversation: {e}", REMEDY) from e
+
+
+def _checksum(head: Mapping[str, Any], rest: bytes) -> str:
+    """SHA-256 of all that a file says but this."""
+    return hashlib.sha256(packed(dict(head)) + rest).hexdigest()
+
+
+def _map_of(message: bytes, what: str) -> dict[str, Any]:
+    """What a message says. Raises ValueError where that is no map."""
+    try:
+        told = msgpack.unpackb(message[4:])
+    except (ValueError, msgpack.UnpackException) as e:
+        raise ValueError(f"{what} is no msgpack") from e
+    if not isinstance(told, dict):
+        raise ValueError(f"{what} is {told!r:.40}, expected a map")
+    return told
+
+
+def _has_text_names(given: Any) -> bool:
+    return isinstance(given, dict) and all(isinstance(name, str) for name in given)
 
 
 def _messages(raw: bytes) -> Iterator[bytes]:
+    if not raw:
+        raise ValueError("it is empty")
     at = 0
     while at < len(raw):
         size = 4 + int.from_bytes(raw[at : at + 4], "little")

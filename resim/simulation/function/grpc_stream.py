@@ -79,7 +79,9 @@ class StreamPartner:
         self._channel: Any = None
         self._stream: Any = None
         self._asked: SimpleQueue[bytes | None] = SimpleQueue()
-        self._answered = False
+        self._told: SimpleQueue[Any] = SimpleQueue()
+        self._reader: threading.Thread | None = None
+        self._answered = self._closing = False
 
     def start(self) -> None:
         """Open the stream; whether a server answers is known with the first message."""
@@ -87,17 +89,27 @@ class StreamPartner:
             self._grpc = grpc_library("[grpc]")
             self._channel = self._grpc.insecure_channel(self._address, options=OPTIONS)
             drive = self._channel.stream_stream(METHOD)
-            self._asked, self._answered = SimpleQueue(), False
+            self._asked, self._told = SimpleQueue(), SimpleQueue()
+            self._answered = self._closing = False
             self._stream = drive(iter(self._asked.get, None))
+            order = (self._stream, self._told, self._grpc.RpcError)
+            self._reader = threading.Thread(target=_read, args=order, daemon=True)
+            self._reader.start()
 
     def exchange(self, message: bytes) -> bytes:
         """Send a message, its length before it, and give the body of its answer."""
         if self._stream is None:
             raise FunctionError("was asked when it had ended")
-        self._asked.put(encode(message[4:]))
+        early = (
+            not self._told.empty()
+        )  # taken for the answer, it would make each the one to the question before
+        if not early:
+            self._asked.put(encode(message[4:]))
         answer = self._next()
         if answer is None:
             raise EOFError("ended its stream with OK")
+        if early:
+            raise FunctionError("wrote more than one answer to a message")
         self._answered = True
         return _body(answer)
 
@@ -105,6 +117,7 @@ class StreamPartner:
         """Send the last message; FunctionError where the stream does not end by itself, or ends with an error."""
         if self._stream is None:
             return
+        self._closing = True
         late = threading.Timer(_ENDING, self._stream.cancel)
         late.start()
         try:
@@ -127,24 +140,26 @@ class StreamPartner:
             stream.cancel()
         if channel is not None:
             channel.close()
+        if self._reader is not None:
+            self._reader.join(_ENDING)
+            self._reader = None
 
     def _next(self) -> bytes | None:
         """The next message of the stream, None at its end."""
-        try:
-            answer: bytes = next(self._stream)
-        except StopIteration:
-            return None
-        except self._grpc.RpcError as e:
-            raise self._failure(e.code(), e.details() or "") from None
+        told = self._told.get()
+        if isinstance(told, self._grpc.RpcError):
+            self._told.put(told)  # whoever asks again is told the same
+            raise self._failure(told.code(), told.details() or "")
+        answer: bytes | None = told
         return answer
 
     def _failure(self, code: Any, details: str) -> Exception:
         """What a stream's status says: how a function ended, or that nobody is there."""
         codes = self._grpc.StatusCode
-        if code == codes.ABORTED:  # a relayed process has ended
-            return EOFError(details)
-        if code == codes.FAILED_PRECONDITION:
-            return FunctionError(details)
+        if code == codes.ABORTED and details:  # a relayed process has ended
+            return EOFError(f"{details:.300}")
+        if code == codes.FAILED_PRECONDITION and details:
+            return FunctionError(f"{details:.300}")
         if code == codes.UNAVAILABLE and not self._answered:
             return FunctionError(
                 f"cannot be reached: no server answers at {self._address} ({details:.200}). "
@@ -152,9 +167,24 @@ class StreamPartner:
             )
         if code == codes.UNAVAILABLE:
             return FunctionError(f"was lost: the connection to {self._address} broke ({details:.200})")
-        if code == codes.CANCELLED:
+        if code == codes.CANCELLED and self._closing:
             return FunctionError(f"did not end its stream within {_ENDING:g} s of the message 'close'")
-        return EOFError(f"ended its stream with {code.name}: {details:.200}")
+        return EOFError(f"ended its stream with {code.name}: {details or 'no reason given':.200}")
+
+
+def _read(stream: Any, told: SimpleQueue[Any], failed: type[Exception]) -> None:
+    """Read a stream: its messages, then None at its end, or why it failed.
+
+    No further where more than one waits, of which one was not asked for: it may be a flood.
+    """
+    try:
+        for answer in stream:
+            told.put(answer)
+            if told.qsize() > 1:
+                return
+        told.put(None)
+    except failed as e:
+        told.put(e)
 
 
 def _body(answer: bytes) -> bytes:

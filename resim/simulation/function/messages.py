@@ -14,7 +14,9 @@ import msgpack
 import numpy as np
 
 from resim.core.errors import FunctionError
+from resim.core.files import file_hash
 from resim.core.plugins import watchdog
+from resim.core.plugins.unlisted_files import unheard
 from resim.function import OBJECT, PROTOCOL, packed
 from resim.road.links import LaneKey, lane_graph
 from resim.road.opendrive import RoadNetwork
@@ -105,6 +107,11 @@ class MessageFunction:
         self._begun = False
         self._partner.end(packed({"message": "close"}))
 
+    def abandon(self) -> None:
+        """End it at once, as a run does that is broken off."""
+        self._begun = False
+        self._partner.kill()
+
     def probe(self, message: bytes) -> str:
         """Begin, and say what it does with a message that it cannot know; FunctionError for an answer."""
         self._partner.start()
@@ -135,7 +142,7 @@ class MessageFunction:
     def _begin(self, message: str, setup: Setup, told: Mapping[str, Any]) -> None:
         self._begun = True
         self._partner.start()
-        road = {"file": str(setup.road.path.absolute()), "lanes": _lanes(setup.road)}
+        road = {"file": str(setup.road.path.absolute()), **_road(setup.road)}
         head = {"message": message, "protocol": PROTOCOL, "parameters": self._parameters, "road": road}
         answer = self._ask({**head, **told})
         if (version := answer.get("protocol")) != PROTOCOL or isinstance(version, bool):
@@ -219,22 +226,30 @@ def _numbers(told: Any) -> tuple[Any, Any, Any]:
         raise FunctionError(f"answered {told!r:.60}, {expected}") from e
 
 
-_known: WeakKeyDictionary[RoadNetwork, bytes] = WeakKeyDictionary()
+_known: WeakKeyDictionary[RoadNetwork, dict[str, Any]] = WeakKeyDictionary()
+
+
+def _road(network: RoadNetwork) -> dict[str, Any]:
+    """The hash of a map's file, and its lanes, packed: what a function may know of it, wherever it lies."""
+    if network not in _known:
+        with unheard():  # resim reads the map, not the code under test
+            digest = file_hash(network.path)
+        _known[network] = {"hash": digest, "lanes": _lanes(network)}
+    return _known[network]
 
 
 def _lanes(network: RoadNetwork) -> bytes:
     """The lanes of a map and where they lead, packed."""
-    if network not in _known:
-        shapes = [one for one in network.lane_shapes(LANE_STEP) if one.lane != 0]
-        number = {LaneKey(one.road, one.section, one.lane): k for k, one in enumerate(shapes)}
-        after = lane_graph(network)
-        _known[network] = msgpack.packb([
-            {
-                "road": one.road, "section": one.section, "lane": one.lane, "type": one.type,
-                **{name: getattr(one, name).astype("<f8").tobytes() for name in ("centre", "left", "right")},
-                "along": network.roads[one.road].along(one.lane, one.section),
-                "after": [number[key] for key in after[LaneKey(one.road, one.section, one.lane)]],
-            }
-            for one in shapes
-        ])  # fmt: skip
-    return _known[network]
+    shapes = [one for one in network.lane_shapes(LANE_STEP) if one.lane != 0]
+    number = {LaneKey(one.road, one.section, one.lane): k for k, one in enumerate(shapes)}
+    after = lane_graph(network)
+    packed_lanes: bytes = msgpack.packb([
+        {
+            "road": one.road, "section": one.section, "lane": one.lane, "type": one.type,
+            **{name: getattr(one, name).astype("<f8").tobytes() for name in ("centre", "left", "right")},
+            "along": network.roads[one.road].along(one.lane, one.section),
+            "after": [number[key] for key in after[LaneKey(one.road, one.section, one.lane)]],
+        }
+        for one in shapes
+    ])  # fmt: skip
+    return packed_lanes

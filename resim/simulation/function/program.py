@@ -190,8 +190,9 @@ def recorded_program(
     """Read the conversations of a build as it was frozen. Raises InputError where they are not all of one
     build of that name and version.
     """
-    folder = copy.folder / posixpath.normpath(recorded.conversations)
-    found = tuple(read_conversation(file) for file in sorted(folder.glob(f"*{SUFFIX}")))
+    named = posixpath.normpath(recorded.conversations)
+    files = sorted((copy.folder / named).glob(f"*{SUFFIX}"))
+    found = tuple(read_conversation(file, path.parent / named / file.name) for file in files)
     speakers = {(repr(one.speaker), repr(sorted(one.parameters.items(), key=repr))) for one in found}
     if len(speakers) > 1:
         problem = f"recorded: the {len(found)} conversations are of {len(speakers)} builds"

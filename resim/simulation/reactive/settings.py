@@ -23,7 +23,7 @@ class DriverSettings(Strict):
         standstill: Gap [m] that it leaves when it stands.
         acceleration: Largest acceleration [m/s²].
         deceleration: Comfortable braking [m/s²].
-        reaction: Reaction time [s].
+        reaction: Reaction time [s]; after the first one, braking harder than is comfortable comes without it.
     """
 
     time_gap: Positive = 1.2

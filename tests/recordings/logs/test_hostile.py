@@ -335,6 +335,7 @@ def test_values_that_are_none_are_told_with_their_row(tmp_path: Path) -> None:
     assert "row 3: speed (gt.v) is 'True'" in told(written(speed=True), w.SCENE_MAPPING)
     assert "row 3: speed (gt.v) is" in told(written(speed=10**400), w.SCENE_MAPPING)
     assert "row 3: name (gt.id) is ''" in told(written(name=None), w.SCENE_MAPPING)
+    assert "surrogates not allowed" in told(written(name="\ud800"), w.SCENE_MAPPING)
     read(written(yaw=float("nan"), size=[]), w.SCENE_MAPPING)  # missing, as in any table
 
 
@@ -356,6 +357,39 @@ def test_a_measurement_that_is_damaged_or_missing_its_library(tmp_path: Path) ->
     )
     path.write_bytes(b"MDF     3.30    " + bytes(200))
     assert "is damaged or incomplete, or no MDF 4 file" in told(path, mapping)
+
+
+@pytest.mark.parametrize("count", [5, 2000])
+def test_samples_that_a_measurement_counts_and_does_not_hold_are_not_made_up(
+    tmp_path: Path, count: int
+) -> None:
+    pytest.importorskip("asammdf")
+    rows = drive(steps=4)
+    rows = rows[rows["id"] == "ego"]
+    columns = {c: rows[c].to_numpy() for c in ("x", "y")} | {"time": rows["t"].to_numpy()}
+    path = w.to_mdf({"Ego": columns}, tmp_path / "a.mf4")
+    data = bytearray(path.read_bytes())
+    group = data.index(b"##CG")
+    (links,) = struct.unpack("<Q", data[group + 16 : group + 24])
+    at = group + 24 + 8 * links + 8
+    assert struct.unpack("<Q", data[at : at + 8]) == (len(rows),)
+    data[at : at + 8] = struct.pack("<Q", count)
+    path.write_bytes(data)
+    mapping = 'ego = "ego"\n[gt]\ntopic = "Ego"\nid = { value = "ego" }\nt = "time"\nx = "x"\ny = "y"\n'
+    assert f"{count} samples are counted and {len(rows)} are there" in told(path, mapping)
+
+
+def test_what_a_library_leaves_behind_goes_with_its_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("asammdf")
+    there = tmp_path / "there"
+    there.mkdir()
+    monkeypatch.setenv("TMPDIR", str(there))  # of the process: this one has its folder already
+    path = tmp_path / "a.mf4"
+    path.write_bytes(b"MDF     4.10    " + bytes(400))
+    told(path, 'ego = "e"\n[gt]\ntopic = "A"\nid = { value = "e" }\nt = "time"\nx = "x"\ny = "x"\n')
+    assert [*there.iterdir()] == []
 
 
 def test_a_measurement_that_runs_in_circles_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

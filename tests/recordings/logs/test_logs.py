@@ -142,6 +142,29 @@ v = "v"
         imported(path, 'ego = "ego"\n' + tables[2].replace('"v"', '"velocity"'))
 
 
+@settings(DRAWN, max_examples=4)
+@given(
+    far=st.sampled_from([0.0, 1e6, -5.4e6]),
+    start=st.sampled_from([0, 1_714_550_400_123_456_789]),
+    v=st.floats(0, 60),
+)
+def test_no_digit_of_mdf_is_lost(far: float, start: int, v: float) -> None:
+    """At UTM's coordinates and times of today, of files that begin at any time."""
+    pytest.importorskip("asammdf")
+    truth = drive(steps=6)
+    truth = truth[truth["id"] == "ego"].assign(x=lambda r: r.x + far, y=lambda r: r.y + 2.0 * far, v=v)
+    channels = {c: truth[c].to_numpy(float) for c in ("x", "y", "heading", "v")} | {
+        "time": truth["t"].to_numpy()
+    }
+    text = (
+        'ego = "ego"\n[gt]\ntopic = "A"\nid = { value = "ego" }\nt = { column = "log_time", unit = "ns" }\n'
+    )
+    text += "".join(f'{c} = "{c}"\n' for c in ("x", "y", "heading", "v"))
+    with tempfile.TemporaryDirectory() as name:
+        found = imported(w.to_mdf({"A": channels}, Path(name) / "a.mf4", start_ns=start), text)
+    assert_exact(found.gt.assign(t=found.gt["t"] - found.gt["t"].min()), truth)
+
+
 def test_samples_of_mdf_that_are_not_valid_are_missing(tmp_path: Path) -> None:
     pytest.importorskip("asammdf")
     n, invalid = 5, np.array([False, True, False, False, True])

@@ -213,6 +213,9 @@ def test_what_json_cannot_hold_is_told(tmp_path: Path) -> None:
     message = r"d1\.json: frame 4, object '1': speed is 'abc', expected a finite number\. Correct the file"
     with pytest.raises(InputError, match=message):
         read_mcity(trial(tmp_path, frames(9), wrong), map=MAP)
+    wrong[3]["objs"][0]["id"] = "\ud800"
+    with pytest.raises(InputError, match=r"frame 4, object 1: id is .*, expected a text or a whole number"):
+        read_mcity(trial(tmp_path, frames(9), wrong), map=MAP)
     del wrong[3]["objs"][0]["width"]
     with pytest.raises(InputError, match=r"d1\.json: frame 4, object 1: width missing; it has id, "):
         read_mcity(trial(tmp_path, frames(9), wrong), map=MAP)

@@ -164,6 +164,48 @@ def test_faults_are_told_before_anything_drives(tmp_path: Path, ego: str, told: 
     assert not (tmp_path / "out").exists()
 
 
+def test_who_comes_near_a_slow_ego_is_there_however_far_it_was_from_the_vehicle_in_its_place(
+    driven: tuple[Path, Path], tmp_path: Path
+) -> None:
+    folder, build = driven
+    asked = settings(tmp_path, f'build = "{build}"\nperception = "{MODEL}"\n')
+    asked.write_text(asked.read_text().replace("around = 250.0", "around = 40.0"))
+    list(make_traffic(MAP, tmp_path / "out", hours=SECONDS / 3600.0, settings=asked, seed=4))
+    wide, narrow = (read_recording(one / "000").gt for one in (folder / "a", tmp_path / "out"))
+    row = wide.index(str(wide.ids[0]))
+    away = np.hypot(wide.x - wide.x[row], wide.y - wide.y[row])
+    met = set(wide.ids[np.nanmin(np.where(wide.valid, away, np.inf), axis=1) <= 40.0].tolist())
+    assert met <= set(narrow.ids.tolist())
+    assert len(narrow) < len(wide)
+
+
+def test_a_function_that_fails_at_once_is_recorded_or_refused(tmp_path: Path) -> None:
+    (tmp_path / "fails.py").write_text(
+        "from resim.simulation.function.interface import Command\n"
+        "class Fails:\n"
+        "    def __init__(self, at=0.0): self.at = at\n"
+        "    def reset(self, setup): pass\n"
+        "    def step(self, perceived):\n"
+        "        if perceived.t >= self.at: raise ValueError('lost')\n"
+        "        return Command(0.0, 0.0)\n"
+        "    def close(self): pass\n"
+    )
+    build = tmp_path / "fails.toml"
+    for at in (0.5, 0.0):
+        build.write_text(f'name = "fails"\nversion = "1"\nfactory = "fails:Fails"\n[parameters]\nat = {at}\n')
+        asked = make_traffic(
+            MAP, tmp_path / f"out{at}", hours=0.003, settings=settings(tmp_path, ""), seed=4, build=build
+        )
+        if at:
+            (one,) = asked
+            assert one.failed
+            assert "lost" in one.note
+            assert read_recording(one.folder).gt.t[-1] == pytest.approx(at, abs=0.05)
+        else:
+            with pytest.raises(ResimError, match="was not driven at all"):
+                list(asked)
+
+
 def test_a_function_that_fails_is_recorded_up_to_there(tmp_path: Path, call: Call) -> None:
     (tmp_path / "fails.py").write_text(
         "from resim.simulation.function.interface import Command\n"

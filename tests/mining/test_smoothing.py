@@ -1,0 +1,65 @@
+"""Limits of noisy values: exact ones are taken as they are, noise makes no flicker."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mining.planted import Drive, path_of, smooth, steady, tracks_of, write_motorway
+
+from resim.core.tracks import Tracks
+from resim.mining.features import features
+from resim.mining.find import find_maneuvers
+from resim.mining.smoothing import below
+from resim.road.opendrive import load
+
+T = np.arange(0.0, 20.0, 0.04)
+ONE = np.zeros(len(T), dtype=int)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3), st.floats(-1e9, 1e9).map(round))
+def test_exact_values_are_below_where_they_are(knots: list[float], clock: int) -> None:
+    """A parabola, whose fourth differences are rounding; but for samples that rounding could decide."""
+    values = np.polyval(np.polyfit([0.0, 10.0, 20.0], knots, 2), T)
+    sure = np.abs(values) > 1e-9
+    np.testing.assert_array_equal(below(T + clock, values, ONE)[sure], (values < 0.0)[sure])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_makes_one_stretch_of_one(seed: int) -> None:
+    """Below 0 from 5 to 15 s, by up to 1.25, with noise of 0.1: one stretch, and its ends within 0.2 s."""
+    values = 0.05 * (T - 5.0) * (T - 15.0) + np.random.default_rng(seed).normal(0.0, 0.1, len(T))
+    found = np.flatnonzero(below(T, values, ONE))
+    assert len(found) == found[-1] - found[0] + 1
+    assert T[found[[0, -1]]] == pytest.approx([5.0, 15.0], abs=0.3)
+    assert not below(T, np.abs(values) + 0.02, ONE).any()
+
+
+def test_pieces_are_told_apart_and_what_is_not_there_is_never_below() -> None:
+    values = np.where(T < 10.0, -1.0, np.inf)
+    piece = (T >= 10.0).astype(int) + 2 * (T >= 15.0)
+    np.testing.assert_array_equal(below(T, values, piece), T < 10.0)
+    assert not below(np.zeros(0), np.zeros(0), np.zeros(0, dtype=int)).size
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_noisy_lane_change_leaves_the_follower_one_leader_after_another(tmp_path, seed: int) -> None:
+    """Who follows 20 % too near behind somebody who leaves its lane slowly is told of once, whatever the noise."""
+    network = load(write_motorway(tmp_path / "motorway.xodr"))
+    path = path_of(network, "7", -1, 20.0, 800.0)
+    drives = [
+        Drive("a", steady(30.0)),
+        Drive("b", lambda t: 43.0 + 30.0 * t, lambda t: -smooth(t, 8.0, 9.0, 3.5)),
+    ]
+    exact = tracks_of(path, drives)
+    rng = np.random.default_rng(seed)
+    x, y, v = (getattr(exact, name) + rng.normal(0.0, 0.05, exact.x.shape) for name in "xyv")
+    noisy = Tracks(t=exact.t, ids=exact.ids, kind=exact.kind, x=x, y=y, heading=exact.heading, v=v,
+                   length=exact.length, width=exact.width, valid=exact.valid)  # fmt: skip
+    found = [features(one, network) for one in (exact, noisy)]
+    told = [sorted(m.label for m in find_maneuvers(one) if m.label != "follow_lane") for one in found]
+    assert told[0] == told[1]
+    assert [np.count_nonzero(one.passed) for one in found] == [1, 1]  # over the border once
+    assert told[0].count("tailgating_minor") == 1
