@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from resim.cli.app import app, command
 from resim.cli.terminal import add_to_json, say
 from resim.core.errors import InputError
+
+if TYPE_CHECKING:
+    from resim.supervisor.access import Role
 
 NEEDED = ("starlette", "uvicorn", "jinja2", "psutil")
 
@@ -53,8 +57,9 @@ def serve(
 ) -> None:
     """See and steer what runs, failed and came out, in the browser.
 
-    Prints an address with a token, once, which lets a browser in. Tasks are done one after the other; a server that is
-    ended, however that was, leaves running ones alone, and the next one finds them.
+    Prints an address with a token, once, which lets a browser in, and another one for those who may look only. Tasks
+    are done one after the other, or several at once; a server that is ended, however that was, leaves running ones
+    alone, and the next one finds them.
     """
     refuse_without_extra()
     from resim.cli.job_forms import job_forms
@@ -70,9 +75,10 @@ def serve(
     if (catalog := user_catalog()) is None:
         raise InputError(VARIABLE, "switches the catalog off", "Unset it, or name a file or database.")
 
-    def ready(address: str, page: Path) -> None:
-        add_to_json(address=address)
-        say(address)
+    def ready(addresses: Mapping[Role, str], page: Path) -> None:
+        add_to_json(address=addresses["run"], look=addresses["look"])
+        say(addresses["run"])
+        say(f"to look only: {addresses['look']}")
         sys.stdout.flush()
         if not no_open:
             open_browser(page)

@@ -8,9 +8,13 @@ import os
 import secrets
 import time
 from pathlib import Path
+from typing import Literal, get_args
 
 from resim.core.errors import InputError
 
+Role = Literal["run", "look"]
+"""run: may do all; look: may see all, and change nothing."""
+ROLES: tuple[Role, ...] = get_args(Role)
 LIFE = 12 * 3600
 """s that a cookie, or the address of a page, is good for."""
 KEY_BYTES = 32
@@ -20,30 +24,34 @@ class Access:
     """Tokens, cookies and seals of one server. All comparisons take the same time whatever is given.
 
     Attributes:
-        token: What the address has that is shown at the start.
+        tokens: What the addresses have that are shown at the start, by the role that each gives.
         cookie: Name of the cookie, another one for each port: browsers keep one jar for all ports of a host.
     """
 
     def __init__(self, key: bytes, port: int) -> None:
         """key: of the cookies and seals; who keeps it lets those in again who were in before."""
         self._key = key
-        self.token = secrets.token_urlsafe(24)
+        self.tokens: dict[Role, str] = {role: secrets.token_urlsafe(24) for role in ROLES}
         self.cookie = f"resim_{port}"
 
-    def is_token(self, given: str) -> bool:
-        """Say whether it is the token of this server."""
-        return hmac.compare_digest(given.encode(), self.token.encode())
+    def token_role(self, given: str) -> Role | None:
+        """Give the role of a token of this server; None for any other text."""
+        same = [hmac.compare_digest(given.encode(), self.tokens[role].encode()) for role in ROLES]
+        return next((role for role, is_it in zip(ROLES, same, strict=True) if is_it), None)
 
-    def new_session(self) -> str:
+    def new_session(self, role: Role) -> str:
         """Give the value of a new cookie."""
-        told = f"{int(time.time()) + LIFE}.{secrets.token_hex(8)}"
+        told = f"{int(time.time()) + LIFE}.{role}.{secrets.token_hex(8)}"
         return f"{told}.{self._seal('session', told)}"
 
-    def is_session(self, value: str) -> bool:
-        """Say whether a cookie is one of this key, and still good."""
+    def session_role(self, value: str) -> Role | None:
+        """Give the role of a cookie of this key that is still good; None for any other text."""
         told, _, seal = value.rpartition(".")
         good = hmac.compare_digest(seal.encode(), self._seal("session", told).encode())
-        return good and _is_ahead(told.partition(".")[0])
+        until, _, rest = told.partition(".")
+        return (
+            next((r for r in ROLES if rest.startswith(f"{r}.")), None) if good and _is_ahead(until) else None
+        )
 
     def form_seal(self, session: str) -> str:
         """Give what forms of a session hold, so that no page of somebody else can send one."""

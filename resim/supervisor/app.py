@@ -112,7 +112,10 @@ def _broken(request: Request, e: Exception) -> Response:
 def _page(supervisor: Supervisor, page: Page) -> Callable[[Request], Response]:
     def shown(request: Request) -> Response:
         template, values = page(supervisor, request)
-        seal = supervisor.access.form_seal(request.state.session)
+        may_run = request.state.role == "run"
+        seal = (
+            supervisor.access.form_seal(request.state.session) if may_run else ""
+        )  # forms are shown with it alone
         told = {"seal": seal, "path": request.url.path, "query": "", "fault": supervisor.worker.fault}
         return HTMLResponse(rendered(template, **(told | values)))
 

@@ -18,13 +18,14 @@ import uvicorn
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
-from resim.supervisor.access import Access, kept_key
+from resim.supervisor.access import ROLES, Access, Role, kept_key
 from resim.supervisor.app import make_app
 from resim.supervisor.forms import JobForm
 from resim.supervisor.guard import Door
 from resim.supervisor.parts import Supervisor, SupervisorSettings
 from resim.supervisor.places import RegisteredFolders
 
+Ready = Callable[[dict[Role, str], Path], None]
 MOST_CONNECTIONS = 300
 OPENED = "open.html"
 """File that sends a browser to the address: no other user sees the token in the list of processes."""
@@ -83,12 +84,12 @@ def serve(
     catalog: Catalog,
     forms: tuple[JobForm, ...],
     data: Path,
-    ready: Callable[[str, Path], None],
+    ready: Ready,
 ) -> None:
     """Serve until somebody ends it. Tasks that run go on: the next server finds them.
 
-    data: folder of the key. ready: hears the address with the token, and of a page that leads there, once somebody
-    may come. Raises InputError for what cannot be used.
+    data: folder of the key. ready: hears the addresses with their tokens, by role, and of a page that leads to the
+    first, once somebody may come. Raises InputError for what cannot be used.
     """
     check_options(options)
     folders = RegisteredFolders(options.folders)
@@ -107,11 +108,11 @@ def serve(
             limit_concurrency=MOST_CONNECTIONS, timeout_keep_alive=10, timeout_graceful_shutdown=3, ws="none",
             h11_max_incomplete_event_size=16_000, ssl_certfile=options.certificate,
         )  # fmt: skip
-        address = f"{door.origins[0]}/?token={access.token}"
+        addresses = {role: f"{door.origins[0]}/?token={access.tokens[role]}" for role in ROLES}
         page = data / OPENED
-        _write_page(page, address)
+        _write_page(page, addresses["run"])
         try:
-            ready(address, page)
+            ready(addresses, page)
             _Server(config, supervisor.changes.stop).run(sockets=[listening])
         finally:
             page.unlink(missing_ok=True)

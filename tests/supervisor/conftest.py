@@ -69,7 +69,7 @@ def client(supervisor: Any) -> Any:
 @pytest.fixture
 def user(supervisor: Any, client: Any) -> Any:
     """A browser that was let in."""
-    assert client.get("/", params={"token": supervisor.access.token}).status_code == 200
+    assert client.get("/", params={"token": supervisor.access.tokens["run"]}).status_code == 200
     return client
 
 

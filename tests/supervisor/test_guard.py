@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from resim.core.errors import InputError
+from resim.results.queue import new_id
 from resim.supervisor.access import Access, kept_key
 from resim.supervisor.limits import RateLimit, StreamLimit
 
@@ -18,16 +19,16 @@ SECRET = "Dashboard"
 
 def test_the_token_lets_in_once_and_a_cookie_from_then_on(supervisor: Any, client: Any) -> None:
     assert client.get("/").status_code == 401
-    answer = client.get("/", params={"token": supervisor.access.token})
+    answer = client.get("/", params={"token": supervisor.access.tokens["run"]})
     assert answer.status_code == 200
     assert SECRET not in answer.text  # another page, whose address has no token
     cookie = answer.headers["set-cookie"]
     assert all(word in cookie for word in ("HttpOnly", "SameSite=strict", "Path=/"))
-    assert supervisor.access.token not in cookie
+    assert supervisor.access.tokens["run"] not in cookie
     page = client.get("/")
     assert page.status_code == 200
     assert SECRET in page.text
-    assert supervisor.access.token not in page.text
+    assert supervisor.access.tokens["run"] not in page.text
 
 
 def test_every_answer_forbids_what_a_page_needs_not(user: Any, client: Any) -> None:
@@ -65,6 +66,26 @@ def test_pages_have_no_script_and_no_style_in_them(user: Any) -> None:
         assert " onclick" not in text
 
 
+def test_who_may_look_only_sees_all_and_changes_nothing(supervisor: Any, client: Any) -> None:
+    assert client.get("/", params={"token": supervisor.access.tokens["look"]}).status_code == 200
+    name = new_id()
+    supervisor.queue.add(name, "check", ("check",), f"/tasks/{name}")
+    for path in ("/", "/experiments", "/tasks", f"/tasks/{name}", "/jobs/run"):
+        answer = client.get(path)
+        assert answer.status_code == 200
+        assert '<form method="post" action="/tasks' not in answer.text
+        assert ">Start</button>" not in answer.text
+    session = client.cookies["resim_8765"]
+    data = {"seal": supervisor.access.form_seal(session)}
+    for path in (f"/tasks/{name}/cancel", "/jobs/check"):
+        answer = client.post(path, data=data, headers={"origin": ORIGIN})
+        assert answer.status_code == 403
+        assert "look only" in answer.text
+    assert supervisor.queue.get(name).state == "waiting"
+    for changed in (session.replace(".look.", ".run."), session.replace(".look.", ".run.look.")):
+        assert supervisor.access.session_role(changed) is None
+
+
 @pytest.mark.parametrize(
     "token", ["", "x", "0" * 32, "é" * 20, "%00", "\ud800".encode("utf-8", "replace").decode(), "a" * 3000]
 )
@@ -90,7 +111,7 @@ def test_tokens_are_not_guessed_fast(client: Any) -> None:
 )  # fmt: skip
 def test_a_wrong_cookie_lets_nobody_in(supervisor: Any, client: Any, cookie: str) -> None:
     access = supervisor.access
-    good = access.new_session()
+    good = access.new_session("run")
     late = f"1000000000.{'0' * 16}"
     told = cookie.format(
         good=good, seal=access._seal("session", "x"), late=f"{late}.{access._seal('session', late)}"
@@ -100,9 +121,9 @@ def test_a_wrong_cookie_lets_nobody_in(supervisor: Any, client: Any, cookie: str
 
 
 def test_a_cookie_of_another_key_or_twice_lets_nobody_in(supervisor: Any, client: Any) -> None:
-    other = Access(b"o" * 32, 8765).new_session()
+    other = Access(b"o" * 32, 8765).new_session("run")
     assert client.get("/", headers={"cookie": f"resim_8765={other}"}).status_code == 401
-    good = supervisor.access.new_session()
+    good = supervisor.access.new_session("run")
     both = [("cookie", f"resim_8765={good}"), ("cookie", f"resim_8765={other}")]
     assert client.get("/", headers=both).status_code == 401
 
@@ -136,7 +157,7 @@ def test_forms_of_other_pages_are_refused(supervisor: Any, user: Any, seal: str,
 
 @pytest.mark.parametrize("given", ["", "x", "{other}"])
 def test_forms_without_the_seal_of_the_session_are_refused(supervisor: Any, user: Any, given: str) -> None:
-    other = supervisor.access.form_seal(supervisor.access.new_session())
+    other = supervisor.access.form_seal(supervisor.access.new_session("run"))
     data = {"seal": given.format(other=other)}
     assert user.post("/jobs/check", data=data, headers={"origin": ORIGIN}).status_code == 403
     assert user.post("/jobs/check", headers={"origin": ORIGIN}).status_code in (403, 415)
@@ -225,5 +246,5 @@ def test_the_key_is_the_users_alone(tmp_path: Path) -> None:
 
 def test_a_cookie_outlives_its_server_where_the_key_is_kept() -> None:
     before, after = Access(b"k" * 32, 8765), Access(b"k" * 32, 8765)
-    assert after.is_session(before.new_session())
-    assert not after.is_token(before.token)
+    assert after.session_role(before.new_session("run")) == "run"
+    assert after.token_role(before.tokens["run"]) is None
