@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import threading
+import time
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,11 +14,14 @@ from typing import Any
 
 from resim.core.errors import InputError, ResimError
 from resim.recordings.content import content_hash
+from resim.recordings.settings import SETTINGS, read_settings
 
 KINDS = ("recording", "build", "suite", "sweep", "criteria", "model", "kernels", "map")
 MOST_FILES = 500_000
 """Files and folders that are looked at; what comes after is told of, and left out."""
 DEEPEST = 12
+SHOWN = 2.0
+"""s after which hashes are shown, while others are still read."""
 LARGEST = 1_000_000
 """Bytes of the largest file that a person writes."""
 _TABLES = ("gt", "sd", "plan")
@@ -60,7 +64,9 @@ class RegisteredFolders:
         self.folders = tuple(dict.fromkeys(Path(os.path.realpath(folder)) for folder in folders))
         self._index = _Index()
         self._kinds: dict[Path, tuple[tuple[int, int], str]] = {}
-        self._hashes: dict[Path, tuple[object, str, str]] = {}
+        self._hashes: dict[Path, _KnownHash] = {}
+        self.scanned = False
+        """Whether they were looked at once."""
         self._scanning = threading.Lock()
 
     def all(self, *kinds: str) -> list[RegisteredFile]:
@@ -95,18 +101,22 @@ class RegisteredFolders:
                     if seen <= MOST_FILES and (found := self._look(path, place)) is not None:
                         files[found.id] = found
             self._put(files, max(0, seen - MOST_FILES))
+            self.scanned = True
 
     def hash_recordings(self) -> None:
         """Find the hashes of recordings out that are not known yet: their files are read."""
+        told = time.monotonic()
         for found in self.all("recording"):
-            stamp = _stamp(found.path)
-            if self._hashes.get(found.path, (None,))[0] != stamp:
-                try:
-                    told = content_hash(found.path), ""
-                except (ResimError, OSError) as e:
-                    told = "", str(e)
-                self._hashes[found.path] = (stamp, *told)
-        files = {name: self._hashed(f) for name, f in self._index.files.items()}
+            known = self._hashes.get(found.path)
+            if known is None or not known.holds(found.path):
+                self._hashes[found.path] = _hashed(found.path)
+            if time.monotonic() > told + SHOWN:
+                self._show_hashes()
+                told = time.monotonic()
+        self._show_hashes()
+
+    def _show_hashes(self) -> None:
+        files = {name: self._with_hash(f) for name, f in self._index.files.items()}
         self._put(files, self._index.left_out)
 
     def _put(self, files: dict[str, RegisteredFile], left_out: int) -> None:
@@ -131,17 +141,40 @@ class RegisteredFolders:
         name = hashlib.sha256(os.fsencode(f"{kind}\n{what}")).hexdigest()[:16]
         shown = what.name if kind in ("recording", "map") else what.stem
         tables = _tables(what) if kind == "recording" else ()
-        return self._hashed(RegisteredFile(name, kind, shown, where, what, tables))
+        return self._with_hash(RegisteredFile(name, kind, shown, where, what, tables))
 
-    def _hashed(self, found: RegisteredFile) -> RegisteredFile:
-        if found.kind != "recording" or found.path not in self._hashes:
-            return found
-        stamp, digest, fault = self._hashes[found.path]
-        return (
-            replace(found, hash=digest, fault=fault)
-            if stamp == _stamp(found.path)
-            else replace(found, hash="")
-        )
+    def _with_hash(self, found: RegisteredFile) -> RegisteredFile:
+        """A recording with its hash, if that is known of what its files hold now."""
+        known = self._hashes.get(found.path) if found.kind == "recording" else None
+        if known is None or not known.holds(found.path):
+            return replace(found, hash="", fault="")
+        return replace(found, hash=known.digest, fault=known.fault)
+
+
+@dataclass(frozen=True)
+class _KnownHash:
+    """What was read of a recording: as of which state of its files and of its map, its hash or why it has none."""
+
+    stamp: object
+    road: Path | None
+    road_stamp: object
+    digest: str
+    fault: str
+
+    def holds(self, folder: Path) -> bool:
+        """Whether nothing was changed since."""
+        return self.stamp == _stamp(folder) and self.road_stamp == _file_stamp(self.road)
+
+
+def _hashed(folder: Path) -> _KnownHash:
+    """Read a recording. What is changed meanwhile is read again later."""
+    stamp, road, road_stamp = _stamp(folder), None, None
+    try:
+        road = folder / read_settings(folder / SETTINGS).map
+        road_stamp = _file_stamp(road)
+        return _KnownHash(stamp, road, road_stamp, content_hash(folder), "")
+    except (ResimError, OSError) as e:
+        return _KnownHash(stamp, road, road_stamp, "", str(e))
 
 
 def is_utf8(path: Path) -> bool:
@@ -207,6 +240,14 @@ def _toml_kind(told: Mapping[str, Any]) -> str:
 
 def _tables(folder: Path) -> tuple[str, ...]:
     return tuple(t for t in _TABLES if any((folder / f"{t}.{s}").is_file() for s in ("csv", "parquet")))
+
+
+def _file_stamp(path: Path | None) -> object:
+    """What changes with a file; None where it is not there."""
+    try:
+        return None if path is None else ((stat := path.stat()).st_mtime_ns, stat.st_size)
+    except OSError:
+        return None
 
 
 def _stamp(folder: Path) -> object:

@@ -135,6 +135,7 @@ def experiments(supervisor: Supervisor, request: Request) -> Told:
     return "experiments.html", {
         "experiments": shown, "paging": _paging(request, first, len(shown), len(found)), "text": text,
         "state": state, "steps": STEPS, "all": len(every), "left_out": supervisor.folders.left_out,
+        "scanned": supervisor.folders.scanned,
         "folders": [str(f) for f in supervisor.folders.folders],
     }  # fmt: skip
 

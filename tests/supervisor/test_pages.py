@@ -266,6 +266,29 @@ def test_what_changes_in_a_registered_folder_is_seen(tmp_path: Path) -> None:
     assert "map" in places.get(found.id, ("recording",)).fault
 
 
+def test_a_changed_map_is_another_recording(tmp_path: Path) -> None:
+    for name in ("recording.toml", "gt.csv", "sd.csv", "plan.csv"):
+        target = tmp_path / "scenarios" / "drive" / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes((DRIVE / name).read_bytes())
+    road = tmp_path / "networks" / "proving_ground.xodr"
+    road.parent.mkdir()
+    road.write_bytes((ROOT / "networks" / "proving_ground.xodr").read_bytes())
+    places = RegisteredFolders([tmp_path / "scenarios"])
+
+    def digest() -> str:
+        places.scan()
+        return places.all("recording")[0].hash
+
+    assert digest() == ""
+    places.hash_recordings()
+    assert digest() == HASH
+    road.write_bytes(road.read_bytes() + b"<!-- -->\n")
+    assert digest() == ""  # nothing is said of it until it was read again
+    places.hash_recordings()
+    assert digest() not in ("", HASH)
+
+
 def test_names_that_are_no_text_hide_nothing_else(user: Any, supervisor: Any, tmp_path: Path) -> None:
     for name in (b"good", b"bad\xff"):
         folder = Path(os.fsdecode(os.fsencode(tmp_path / "drives") + b"/" + name))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from supervised import entered, waited
 
@@ -92,9 +93,12 @@ def test_a_task_whose_process_is_killed_begins_again(
     task, worker = put(*long), Worker(queue, 1)
     waited(lambda: (worker.look(), said(task, LISTENS))[1])
     first = begun(task)
-    os.killpg(number_of(first["process"]), signal.SIGKILL)
+    command = psutil.Process(number_of(first["process"])).children(recursive=True)
+    os.kill(number_of(first["process"]), signal.SIGKILL)
     waited(lambda: (worker.look(), begun(task).get("attempt") == 2)[1])
     assert not is_alive(first["process"])
+    assert command  # nothing of the first attempt works on beside the second one
+    assert not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in command)
     assert (queue.get(task.id).losses, queue.get(task.id).attempt) == (1, 2)
     queue.cancel(task.id)
     waited(lambda: (worker.look(), not queue.unfinished())[1])
