@@ -12,6 +12,7 @@ from typing import Literal
 
 from resim.results.overview import CatalogOverview, OutcomeOf
 from resim.results.queue import QueuedTask, TaskQueue
+from resim.results.reading import VERIFIED
 from resim.supervisor.places import RegisteredFile, RegisteredFolders
 from resim.supervisor.words import tone
 
@@ -132,7 +133,9 @@ def _recorded(file: RegisteredFile | None, row: str) -> StepCell:
 
 
 def _verified(outcomes: Sequence[OutcomeOf], tasks: Mapping[str, QueuedTask]) -> StepCell:
-    return _cell(next((o for o in outcomes if o.kind == "verification"), None), tasks.get("verified"), True)
+    """The newest verification; that two builds are the same in a comparison verifies neither."""
+    found = next((o for o in outcomes if o.kind == "verification" and o.verdict in VERIFIED), None)
+    return _cell(found, tasks.get("verified"), True)
 
 
 def _cell(found: OutcomeOf | None, task: QueuedTask | None, there: bool) -> StepCell:

@@ -6,6 +6,7 @@ import os
 import platform
 import re
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -124,6 +125,15 @@ def test_a_result_of_other_content_is_not_taken_for_one_of_this_drive(
     }
     registered = text[text.index("/experiments/" + supervisor.folders.all("recording")[0].id) :]
     assert "not yet" in registered.partition("</tbody>")[0]
+
+
+def test_a_comparison_of_builds_verifies_no_drive(supervisor: Any, user: Any, known: Catalog) -> None:
+    supervisor.folders.hash_recordings()
+    told = CatalogOutcome("cut_in_brake", "pilot-1.1", verdict="same")
+    known.add(entry(kind="verification", verdict="within limits", outcomes=(told,)))
+    assert cells(user.get("/experiments").text, "cut_in_brake")[3] == ("missing", "not yet")
+    known.add(entry(day=2, kind="verification", outcomes=(replace(told, verdict="not verified"),)))
+    assert cells(user.get("/experiments").text, "cut_in_brake")[3] == ("bad", "not verified")
 
 
 def test_two_builds_stand_side_by_side_the_worst_first(user: Any, known: Catalog) -> None:
