@@ -16,7 +16,7 @@ from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, read_strict, to_json
 from resim.jobs.given import path_of
-from resim.jobs.space_members import driven_traces, one_build, read_simulated
+from resim.jobs.space_members import accidents, driven_traces, one_build, read_simulated
 from resim.recordings.tables import read_parquet
 from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
@@ -230,7 +230,7 @@ def cover(
         report = CoverReport(
             versions(), {"members.parquet": file_hash(folder / "members.parquet")}, file_hash(folder / MARK),
             first.build, first.label, first.perception, within, _verified(drives),
-            not_mined(found, [drive for _, one in (*given, *held) for drive in one.drives], known), risks, calibration,
+            not_mined(found, accidents(one for _, one in (*given, *held)), known), risks, calibration,
             tuple(cover_notes(members, drives)),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)

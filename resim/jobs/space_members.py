@@ -120,9 +120,8 @@ def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
         refuse_changed(path, key)
         recording = read_recording(path)
         own = bool(build) and recording.build_hash == build
+        drives.append(TestDrive(key, one.name, build, perception, one.verdict, own))
         hit = _measured_collision(recording)
-        accident = hit is not False or bool(recording.provenance.get("ended"))
-        drives.append(TestDrive(key, one.name, build, perception, one.verdict, own, accident))
         repeat = (
             f"resim run {_shown(path)} --build {_shown(_path(folder, inputs.build.path))} --out out/repeated"
         )
@@ -156,6 +155,30 @@ def _runs(folder: Path, one: VerifiedRecording, run: SimulatedRun) -> Iterator[S
     )  # it ends as the drive did; of another nobody says
     same = _same(run.recording, {}, "" if one.way == "rGT" else one.way, 0)
     yield replace(run, name=name, risk=math.nan if risk is None else risk, collided=collided, same=same)
+
+
+def accidents(given: Iterable[Simulated]) -> set[str]:
+    """Give the recordings that the build drove and in which its EGO collides, or nobody says that it does not, or that
+    broke off.
+
+    Args:
+        given: What was simulated, of one build.
+
+    Returns:
+        Their keys.
+
+    Raises:
+        InputError: A recording cannot be read.
+    """
+    out = set()
+    for one in given:
+        for key, path in one.folders.items():
+            recording = read_recording(path)
+            if one.build and recording.build_hash == one.build and (
+                recording.provenance.get("ended") or _measured_collision(recording) is not False
+            ):  # fmt: skip
+                out.add(key)
+    return out
 
 
 def _measured_collision(recording: Recording) -> bool | None:

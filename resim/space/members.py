@@ -9,7 +9,7 @@ the reason.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,7 +80,6 @@ class TestDrive:
         perception: Hash of the perception model, "" without one.
         verdict: Of its verification.
         own: Whether the build under test drove it; people's drives are no test drives.
-        accident: Whether its EGO collided in the measured drive, the drive broke off, or nobody says that it did not.
     """
 
     __test__ = False
@@ -91,7 +90,6 @@ class TestDrive:
     perception: str
     verdict: str
     own: bool
-    accident: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,10 +206,9 @@ def _legitimacy(
     return Legitimacy(good[k].name, distance, why)
 
 
-def not_mined(space: Space, drives: Sequence[TestDrive], known: DrivenTraces) -> int:
-    """Count the build's test drives with an accident of which the space holds neither the drive nor a scenario."""
-    mined = {content for one in space.sources for content in one.recordings}
-    left = {one.recording for one in drives if one.own and one.accident} - mined
+def not_mined(space: Space, accidents: Iterable[str], known: DrivenTraces) -> int:
+    """Count accidents of test drives, by key of the recording, of which the space holds neither drive nor scenario."""
+    left = set(accidents).difference(*(one.recordings for one in space.sources))
     return sum(not known.scenario.get(recording) for recording in left)
 
 

@@ -11,7 +11,7 @@ import pytest
 from space.families import drawn
 from space.spaces import KINDS, space_of
 
-from resim.jobs.space_members import _runs
+from resim.jobs.space_members import Simulated, _runs, accidents
 from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
@@ -145,10 +145,27 @@ def test_what_a_verification_ran_is_told_as_it_ended() -> None:
         assert one.collided is None
 
 
-def test_a_test_drive_with_an_accident_that_was_not_mined_is_told(space: Space) -> None:
-    hit = replace(DRIVE, accident=True)
-    assert not_mined(space, [DRIVE, replace(hit, own=False)], known()) == 0
-    assert not_mined(space, [hit, hit, replace(hit, recording="run")], known()) == 2
-    assert not_mined(space, [replace(hit, recording="run")], known(scenario="one_0")) == 0
+def test_an_accident_of_a_test_drive_that_was_not_mined_is_told(space: Space) -> None:
+    assert not_mined(space, [], known()) == 0
+    assert not_mined(space, ["drive", "drive", "run"], known()) == 2
+    assert not_mined(space, ["run"], known(scenario="one_0")) == 0
     mined = replace(space, sources=tuple(replace(one, recordings=("drive",)) for one in space.sources))
-    assert not_mined(mined, [hit], known()) == 0
+    assert not_mined(mined, ["drive"], known()) == 0
+
+
+@pytest.mark.parametrize(
+    ("lead", "driven_by", "told"), [(20.0, "b", {"k"}), (20.0, "c", set()), (60.0, "b", set())]
+)
+def test_recordings_in_which_the_build_collides_are_its_accidents(
+    tmp_path: Path, lead: float, driven_by: str, told: set[str]
+) -> None:
+    rows = [
+        f"{0.1 * k:.1f},{name},{x + v * 0.1 * k},-5.25,0,{v},4.5,1.8,car"
+        for k in range(31) for name, x, v in (("ego", 300.0, 10.0), ("1", 300.0 + lead, 0.0))
+    ]  # fmt: skip
+    (tmp_path / "gt.csv").write_text("\n".join(["t,id,x,y,heading,v,length,width,kind", *rows]) + "\n")
+    road = Path("networks/proving_ground.xodr").resolve()
+    (tmp_path / "recording.toml").write_text(
+        f'name = "d"\nmap = "{road}"\nego = "ego"\nbuild = "b-1"\nbuild_hash = "{driven_by}"\n'
+    )
+    assert accidents([Simulated((), (), {"k": tmp_path}, "b-1", "b", "", "")]) == told
