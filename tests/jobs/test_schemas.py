@@ -6,6 +6,7 @@ import copy
 import json
 import tomllib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +39,15 @@ def content(path: Path) -> Any:
     return tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
 
 
-def valid(name: str, said: Any) -> bool:
+@cache
+def validator(name: str) -> jsonschema.Draft202012Validator:
     schema = schema_of(name)
     jsonschema.Draft202012Validator.check_schema(schema)
-    return bool(jsonschema.Draft202012Validator(schema).is_valid(said))
+    return jsonschema.Draft202012Validator(schema)
+
+
+def valid(name: str, said: Any) -> bool:
+    return bool(validator(name).is_valid(said))
 
 
 SHIPPED = {
