@@ -30,6 +30,9 @@ A plan's rows may stand in any order; of those of one time the first counts.
 FRESH = 0.5
 """Age [s] up to which a plan is the plan of a scene."""
 
+UNDRIVABLE = 8.0
+"""Distance [m] from where its speed takes the EGO within a second beyond which no vehicle gets to by then: 12 m/s²
+either way, and 2 m/s for what is wrong in its speed."""
 SLOW = 0.05
 """Speed [m/s] below which the points of a plan do not tell a heading."""
 
@@ -79,10 +82,10 @@ def drive(
 ) -> DriveScenes:
     """Make the scenes of tracks with acceleration and yaw rate, at all their times at which the EGO is there.
 
-    The EGO's path is its plan where one was made within 0.5 s before the scene, put to where the EGO is, else what
-    follows of its state (constant turn rate and acceleration); path="driven" takes where it went, after the end its
-    last state, path="state" never a plan. predicted: how the objects may go on, by default the published set. road:
-    they drive along its lanes and stay on them. Raises ResimError where the EGO is missing or tracks have no
+    The EGO's path is its plan where one was made within 0.5 s before the scene and can be driven, put to where the EGO
+    is, else what follows of its state (constant turn rate and acceleration); path="driven" takes where it went, after
+    the end its last state, path="state" never a plan. predicted: how the objects may go on, by default the published
+    set. road: they drive along its lanes and stay on them. Raises ResimError where the EGO is missing or tracks have no
     accelerations.
     """
     if tracks.a is None or tracks.yaw_rate is None:
@@ -167,7 +170,9 @@ def _paths(
             lane_paths = _planned_ways(of, ego[scenes], t[scenes, None] + ahead)
             lane_paths[..., :2] += ego[scenes, None, :2] - lane_paths[:, :1, :2]
             lane_paths[:, 0] = ego[scenes, :4]
-            out[scenes] = lane_paths
+            good = _drivable(lane_paths, parameters.step)
+            scenes = [n for n, drives in zip(scenes, good, strict=True) if drives]
+            out[scenes] = lane_paths[good]
         for n in scenes:
             chosen[n] = "plan"
     return out, tuple(chosen)
@@ -180,6 +185,15 @@ def _fresh(t: Floats, plans: Plans) -> tuple[list[int], list[Floats]]:
     fresh = ((n, _in_order(plan)) for n, when, plan in found if t[n] - when <= FRESH)
     ahead = [(n, plan) for n, plan in fresh if plan[-1, 0] > t[n] + TICK]
     return [n for n, _ in ahead], [plan for _, plan in ahead]
+
+
+def _drivable(ways: Floats, step: float) -> Bools:
+    """Whether ways (B, M + 1, 4) from the EGO's state on can be driven: not in another frame, nor at a stop at once."""
+    k = min(max(1, round(1.0 / step)), ways.shape[1] - 1)
+    x, y, heading, v = ways[:, 0].T
+    gone = v * k * step
+    off = np.hypot(ways[:, k, 0] - x - gone * np.cos(heading), ways[:, k, 1] - y - gone * np.sin(heading))
+    return np.asarray(off <= UNDRIVABLE)
 
 
 def _in_order(plan: Floats) -> Floats:

@@ -28,6 +28,10 @@ PERSON, RUNNING = 1.5, 5.0
 """Size [m] and speed [m/s] up to which what is called a pedestrian can be one that walks in any direction."""
 EGO_APART = 5.0
 """Distance [m] by which sensor data may have the EGO elsewhere: delay at motorway speed, and its localisation."""
+TURNED = 0.2
+"""Angle [rad] by which a trace may have another heading than is told: along its way, which tells the better one."""
+HELD = 0.4
+"""Time [s] over which such angles are averaged."""
 FARTHEST = 20.0
 """Distance [m] by which a place is in doubt at most; beyond it nobody knows where the object is."""
 
@@ -52,6 +56,7 @@ def doubts(
     torn = list(_torn(recording, basis))
     swapped = {f.object for f in recording.findings if f.code == "SIZE_SWAPPED" and f.source == name == "gt"}
     misfits = dict(_misfits(tracks, scenario, network))
+    turns = dict(_turns(tracks, scenario, network))
     off: dict[str, tuple[float, float]] = {}
     sizes: dict[str, tuple[float, float]] = {}
     told_sizes, doubled = recording.sizes.get(name, {}), _doubled(recording, basis)
@@ -69,7 +74,11 @@ def doubts(
         turned = (
             0.0
             if walks
-            else max([turned_by(k) for k in parts] + [d.turned for d in twice if d.turned > WORTH])
+            else max(
+                [turned_by(k) for k in parts]
+                + [d.turned for d in twice if d.turned > WORTH]
+                + [turns[who] for who in ids if who in turns]
+            )
         )
         if swapped.intersection(ids):
             turned = 0.5 * np.pi
@@ -214,3 +223,27 @@ def _misfits(tracks: Tracks, scenario: Scenario | None, network: RoadNetwork) ->
     """Whose trace is off its samples, and how far [m]."""
     if scenario is not None:
         yield from ((m.object, m.off) for m in find_misfits(scenario, tracks.to_frame(), network))
+
+
+def _turns(tracks: Tracks, scenario: Scenario | None, network: RoadNetwork) -> Iterator[tuple[str, float]]:
+    """Whose trace has another heading than is told, by how much [rad]: it is along its way, as of who slides it is not.
+
+    Noise is averaged. Front and back are the same: it is about where boxes are.
+    """
+    if scenario is None:
+        return
+    traces = scenario.tracks(network, tracks.t).joined()
+    rows = {name: n for n, name in enumerate(tracks.ids.tolist())}
+    for m, who in enumerate(traces.ids.tolist()):
+        if (n := rows.get(who)) is None:
+            continue
+        both = tracks.valid[n] & traces.valid[m]
+        turn = np.exp(2j * (traces.heading[m, both] - tracks.heading[n, both]))
+        if not len(turn):
+            continue
+        count = min(
+            len(turn), max(1, round(HELD / float(np.median(np.diff(tracks.t[both]))))) if len(turn) > 1 else 1
+        )
+        by = 0.5 * float(np.abs(np.angle(np.convolve(turn, np.full(count, 1.0 / count), "valid"))).max())
+        if by > TURNED:
+            yield who, by

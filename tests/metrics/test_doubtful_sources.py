@@ -240,3 +240,11 @@ def test_repairs_of_rows_after_the_ego_s_last_sample_change_nothing(judge, tmp_p
         load_checked(tmp_path.with_name("repaired"), accept=tuple(CODES)), AssessmentOptions()
     )
     assert found.blocks["GT"].measures
+
+
+@pytest.mark.parametrize("drift", [0.1 * T, 0.15 * np.sin(2.0 * T), 0.5 / (1.0 + np.exp(4.0 * (4.0 - T)))])
+def test_who_stands_across_and_drifts_along_the_ego_s_way_is_not_turned_out_of_it(judge, drift):
+    """A trace lies along its way, and its box with it: 12 m across the lane were 2.5 m beside it."""
+    assert judge(ego(), across())["time to collision"].outcome == "FAIL"
+    assert judge(ego(), across(x=400.0 + drift))["time to collision"].outcome == "INVALID"
+    assert judge(ego(), across(x=400.0 + drift, y=12.0))["time to collision"].outcome == "PASS"

@@ -54,14 +54,30 @@ def test_a_plan_goes_before_the_state_while_it_is_fresh(tracks):
     motion, ego = tracks("cut_in_brake")
     row, start = motion.index(ego), float(motion.t[20])
     ahead = np.arange(0.0, 5.0, 0.1)
-    stop = np.column_stack(
-        [start + ahead, motion.x[row, 20] + 0.0 * ahead, motion.y[row, 20] + 0.0 * ahead, 0.0 * ahead]
-    )
-    stop[:, 1] += 1e-3 * ahead
-    made = drive(motion, ego=ego, plans=[(start, stop)])
+    x, v = motion.x[row, 20] + (motion.v[row, 20] - 3.0 * ahead) * ahead, motion.v[row, 20] - 6.0 * ahead
+    brakes = np.column_stack([start + ahead, x, motion.y[row, 20] + 0.0 * ahead, v])[v > 0.0]
+    made = drive(motion, ego=ego, plans=[(start, brakes)])
     assert made.path[20] == made.path[25] == "plan"
     assert made.path[19] == made.path[26] == "state"
-    np.testing.assert_allclose(made.scenes.plan[20, :, 0], motion.x[row, 20], atol=0.01)
+    near = made.scenes.plan[20, :20, 0] - np.interp(0.1 * np.arange(20), brakes[:, 0] - start, brakes[:, 1])
+    np.testing.assert_allclose(near, 0.0, atol=0.05)
+
+
+@pytest.mark.parametrize("frame", ["the EGO's", "backwards", "mirrored", "km", "stands", "ms"])
+def test_a_plan_that_no_vehicle_can_follow_is_none(tracks, frame):
+    """It says nothing of where the EGO goes: along it, that stands still or goes back, nothing is in the way."""
+    motion, ego = tracks("cut_in_brake")
+    row, start = motion.index(ego), float(motion.t[20])
+    ahead, v = np.arange(0.0, 5.0, 0.1), float(motion.v[row, 20])
+    x, y = motion.x[row, 20] + v * ahead, motion.y[row, 20] + 0.0 * ahead
+    told = {
+        "the EGO's": (ahead, y, -v * ahead), "backwards": (ahead, -x, y), "mirrored": (ahead, y, x),
+        "km": (ahead, x / 1000.0, y / 1000.0), "stands": (ahead, 0.0 * x, y), "ms": (1000.0 * ahead, x, y),
+    }[frame]  # fmt: skip
+    plan = np.column_stack([start + told[0], told[1], told[2], v + 0.0 * ahead])
+    assert drive(motion, ego=ego, plans=[(start, plan)]).path[20] == "state"
+    plan = np.column_stack([start + ahead, x, y, v + 0.0 * ahead])
+    assert drive(motion, ego=ego, plans=[(start, plan)]).path[20] == "plan"
 
 
 def test_a_plan_begins_at_the_present_state_however_it_was_made(tracks):
@@ -70,13 +86,13 @@ def test_a_plan_begins_at_the_present_state_however_it_was_made(tracks):
     row, start = motion.index(ego), float(motion.t[20])
     x, y, v = (float(c[row, 20]) for c in (motion.x, motion.y, motion.v))
     ahead = np.arange(1.0, 5.0, 0.5)
-    late = np.column_stack([start + ahead, x + 0.5 * v * ahead, y + 0.0 * ahead, 0.5 * v + 0.0 * ahead])
+    late = np.column_stack([start + ahead, x + 0.8 * v * ahead, y + 0.0 * ahead, 0.8 * v + 0.0 * ahead])
     made = drive(motion, ego=ego, plans=[(start, late)])
     assert made.path[20] == "plan"
     pose = made.scenes.plan[20]
     np.testing.assert_allclose(pose[0], [x, y, motion.heading[row, 20], v])
-    np.testing.assert_allclose(pose[10:, 0], x + 0.5 * v * np.arange(1.0, 4.05, 0.1), atol=0.01)
-    assert (np.diff(pose[:, 0]) > 0.4 * v * 0.1).all()  # it does not wait for the plan to begin
+    np.testing.assert_allclose(pose[10:, 0], x + 0.8 * v * np.arange(1.0, 4.05, 0.1), atol=0.01)
+    assert (np.diff(pose[:, 0]) > 0.7 * v * 0.1).all()  # it does not wait for the plan to begin
     over = np.column_stack([start - ahead[::-1], x + v * ahead, y + 0.0 * ahead, v + 0.0 * ahead])
     assert drive(motion, ego=ego, plans=[(start, over)]).path[20] == "state"
 
