@@ -67,6 +67,11 @@ class CutSource:
         return TimedRows(self.tables.gt)
 
     @cached_property
+    def plan(self) -> TimedRows | None:
+        """The rows of plans, None where there are none."""
+        return None if self.tables.plan is None else TimedRows(self.tables.plan)
+
+    @cached_property
     def sd(self) -> TimedRows | None:
         """The rows of sensor data with their GT ids, None where there are none."""
         table, sd, names = self.tables.sd, self.recording.sd, self.recording.sd_gt_id
@@ -101,9 +106,9 @@ def cut(source: CutSource, one: ExtractedScenario, name: str, about: str) -> Rec
     at = own[np.clip(np.searchsorted(own, t - TICK), 0, len(own) - 1)]
     rows = rows[rows["id"].isin(kept) & (np.abs(at - t) <= TICK)]
     sd, own_drive = _sensed(source, kept, (start, end)), ego == recording.ego
-    plan = tables.plan if own_drive else None
-    if plan is not None:
-        plan = TimedRows(plan).between(start, end)
+    plan = None
+    if own_drive and source.plan is not None:
+        plan = source.plan.between(start, end)
         plan = plan.assign(t=plan["t"] - start, t_plan=plan["t_plan"] - start).reset_index(drop=True)
     told = {"mined_from": recording.name, "mined": about, "original_start_s": f"{start:.9g}"}
     settings = tables.settings.model_copy(update={

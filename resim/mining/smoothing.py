@@ -81,13 +81,10 @@ def below(t: Floats, values: Floats, piece: NDArray[np.integer]) -> Bools:
         else:
             mean, band = own, np.zeros(len(own))
         low[begin:end], sure[begin:end] = mean < band, mean < -band
-    begin, last = stretches(low, piece)
-    some = np.concatenate([[0], np.cumsum(sure)])
-    out = np.zeros(len(t) + 1, dtype=np.intp)
-    kept = some[last + 1] > some[begin]
-    np.add.at(out, begin[kept], 1)
-    np.add.at(out, last[kept] + 1, -1)
-    return np.cumsum(out)[:-1] > 0
+    out = np.zeros(len(t), dtype=bool)
+    for begin, last in zip(*stretches(low, piece), strict=True):
+        out[begin : last + 1] = sure[begin : last + 1].any()
+    return out
 
 
 def _noise(values: Floats) -> float:

@@ -34,7 +34,8 @@ SurfaceFunction = Callable[[Ints, Ints, Floats, Floats], Floats]
 class Containing:
     """M pairs of a position and a lane that holds it.
 
-    point: which position; road, row: of the lane; s and t from the lane centre [m]; miss: of the foot [m].
+    point: which position; road, row: of the lane; s and t from the lane centre [m]; miss: of the foot [m]; beyond: m
+    by which it is beyond the lane's border, 0 within.
     """
 
     point: Ints
@@ -43,6 +44,7 @@ class Containing:
     s: Floats
     lateral: Floats
     miss: Floats
+    beyond: Floats
 
 
 @dataclass(frozen=True)
@@ -93,11 +95,19 @@ class LaneIndex:
         row = c.row[cell]
         offset, width = self.lanes.centre_and_width(row, s)
         lateral = t - offset
-        inside = (
-            self._holds(row, road, s) & (np.abs(lateral) <= 0.5 * width + beyond + INSIDE) & (width > 0.0)
-        )
+        outside = np.abs(lateral) - 0.5 * width
+        inside = self._holds(row, road, s) & (outside <= beyond + INSIDE) & (width > 0.0)
         inside &= (miss <= LOST) | ((s >= c.low[cell] - MARGIN) & (s <= c.high[cell] + MARGIN))
-        return Containing(point[inside], road[inside], row[inside], s[inside], lateral[inside], miss[inside])
+        outside = np.where(outside > INSIDE, outside, 0.0)
+        return Containing(
+            point[inside],
+            road[inside],
+            row[inside],
+            s[inside],
+            lateral[inside],
+            miss[inside],
+            outside[inside],
+        )
 
     def locate(
         self,

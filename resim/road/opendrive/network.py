@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from resim.core.errors import InputError
 from resim.core.geometry import Bools, Floats, constant, wrap_angle
 from resim.road.opendrive.heights import raised
-from resim.road.opendrive.index import INSIDE, LaneIndex
+from resim.road.opendrive.index import LaneIndex
 from resim.road.opendrive.lanes import Lanes, reexpanded
 from resim.road.opendrive.model import Controller, Header, Junction, Road, Unread
 from resim.road.opendrive.reader import ModelReader
@@ -159,10 +159,13 @@ class RoadNetwork:
         new = np.ones(len(order), dtype=bool)
         new[1:] = (np.diff(found.point[order]) != 0) | (np.diff(found.row[order]) != 0)
         order = order[new]
-        row, s, t = found.row[order], found.s[order], found.lateral[order]
-        _, width = self._lanes.centre_and_width(row, s)
-        outside = np.maximum(np.abs(t) - 0.5 * width, 0.0)
-        return LanePlaces(known[found.point[order]], row, s, t, np.where(outside > INSIDE, outside, 0.0))
+        return LanePlaces(
+            known[found.point[order]],
+            found.row[order],
+            found.s[order],
+            found.lateral[order],
+            found.beyond[order],
+        )
 
     @property
     def lane_table(self) -> Lanes:
