@@ -43,6 +43,22 @@ def slope(t: Floats, values: Floats, piece: NDArray[np.integer], precision: floa
     return np.asarray(kernel.slopes(t - t[0], values, first, half))
 
 
+def shortening(t: Floats, values: Floats, piece: NDArray[np.integer], precision: float) -> Floats:
+    """Give by how much (K,) [s] a peak of slopes, as `slope` reads them, may last shorter than it did beyond a limit.
+
+    A line that reaches h to each side, at the edge of a peak, takes in as much of the peak as of what is beside it, so
+    that a slope well inside the limits before and after hides half of h at each edge. 0 of exact values.
+    """
+    if not len(t):
+        return np.zeros(0)
+    first = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [len(t)]])
+    lost = [
+        (half - 1) * float(np.median(np.diff(t[low:high]))) if half > 1 else 0.0
+        for half, low, high in zip(half_widths(t, values, first, precision).tolist(), first[:-1], first[1:], strict=True)
+    ]
+    return np.repeat(lost, np.diff(first))
+
+
 def half_widths(
     t: Floats, values: Floats, first: NDArray[np.integer], precision: float
 ) -> NDArray[np.integer]:
