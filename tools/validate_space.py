@@ -10,6 +10,7 @@ With so little data it is `not shown`, and says how much is missing. `resim traf
 from __future__ import annotations
 
 import json
+import resource
 import subprocess
 import sys
 import tempfile
@@ -24,15 +25,24 @@ CRITERIA = ROOT / "scenarios" / "criteria"
 
 def resim(*told: object, may_end: tuple[int, ...] = (0,)) -> str:
     """Run a command, tell how long it took, and give what it printed. Raises SystemExit where it fails."""
-    begin = time.monotonic()
+    begin, before = time.monotonic(), core_time()
     done = subprocess.run(
         [sys.executable, "-m", "resim", *map(str, told)], capture_output=True, text=True, check=False
     )
     words = " ".join(str(one.name if isinstance(one, Path) else one) for one in told)
-    print(f"| `resim {words[:100]}` | {done.returncode} | {time.monotonic() - begin:.0f} |", flush=True)
+    print(
+        f"| `resim {words[:100]}` | {done.returncode} | {time.monotonic() - begin:.0f} | {core_time() - before:.0f} |",
+        flush=True,
+    )
     if done.returncode not in may_end:
         sys.exit(f"{words}: {done.stderr[-2000:]}")
     return done.stdout
+
+
+def core_time() -> float:
+    """Seconds of processor time of all commands so far, and of their children."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def folders(where: Path) -> list[Path]:
@@ -49,7 +59,7 @@ def main() -> int:
 
 def story(hours: float, out: Path) -> None:
     """All steps, each a command of resim."""
-    print("| command | exit | s |\n|---|---|---|")
+    print("| command | exit | s | s of one core |\n|---|---|---|---|")
     resim("traffic", MAP, "--out", out / "people", "--hours", hours, "--seed", 1)
     resim(
         "traffic",
