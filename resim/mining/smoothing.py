@@ -20,7 +20,7 @@ LONGEST = 1.0
 """s to each side that a line reaches at most (our choice): a quarter of a lane change."""
 FINE, AVERAGED = 0.01, 0.5
 """Standard deviation (of the values' unit) to which values are averaged, and s to each side at most (our choice)."""
-BEYOND = 3.0
+BEYOND = 2.0
 """Standard deviations of an average beyond which it is below a limit, or above it again (our choice)."""
 FEWEST = 8
 """Samples of which noise can be told."""
@@ -54,7 +54,9 @@ def shortening(t: Floats, values: Floats, piece: NDArray[np.integer], precision:
     first = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [len(t)]])
     lost = [
         (half - 1) * float(np.median(np.diff(t[low:high]))) if half > 1 else 0.0
-        for half, low, high in zip(half_widths(t, values, first, precision).tolist(), first[:-1], first[1:], strict=True)
+        for half, low, high in zip(
+            half_widths(t, values, first, precision).tolist(), first[:-1], first[1:], strict=True
+        )
     ]
     return np.repeat(lost, np.diff(first))
 

@@ -10,6 +10,7 @@ import json
 import os
 import time
 from contextlib import suppress
+from pathlib import Path
 
 from resim.core.geometry import wrap_angle
 from resim.core.watched import LIVE_VARIABLE
@@ -26,7 +27,7 @@ class LiveStates:
     """Tells of one drive. Of runs that are driven together the first one is shown."""
 
     def __init__(self, case: Case, file: str, end: float) -> None:
-        self._file, self._new, self._next = file, f"{file}.{os.getpid()}.new", 0.0
+        self._file, self._new, self._next = file, Path(f"{file}.{os.getpid()}.new"), 0.0
         ego = case.scenario.ego
         self._ego = [ego.id, ego.kind, ego.length, ego.width]
         self._head = {
@@ -55,9 +56,8 @@ class LiveStates:
         state = {**self._head, "t": round(worlds.t, 3), "boxes": boxes}
         with suppress(OSError, ValueError):  # of values that are no numbers
             told = json.dumps(state, separators=(",", ":"), allow_nan=False)
-            with open(self._new, "w", encoding="utf-8") as file:
-                file.write(told)
-            os.replace(self._new, self._file)
+            self._new.write_text(told, encoding="utf-8")
+            self._new.replace(self._file)
 
 
 def live_states(case: Case, end: float) -> LiveStates | None:

@@ -29,7 +29,11 @@ def case(described: Callable[..., Scenario], network: RoadNetwork, build: Callab
 
 @pytest.mark.parametrize("engine", [Direct(), Sumo()])
 def test_a_watched_drive_is_the_same_and_what_is_told_is_as_in_its_result(
-    engine: Engine, case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, set_constant: Callable[..., None]
+    engine: Engine,
+    case: Case,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    set_constant: Callable[..., None],
 ) -> None:
     (one,) = engine.drive([case])
     file = tmp_path / "live.json"
@@ -46,7 +50,11 @@ def test_a_watched_drive_is_the_same_and_what_is_told_is_as_in_its_result(
     assert state["boxes"][0][0] == case.scenario.ego.id and {box[0] for box in state["boxes"]} == there
     for name, kind, x, y, heading, v, length, width in state["boxes"]:
         n = ids.index(name)
-        assert (kind, length, width) == (truth.kind[n], pytest.approx(truth.length[n]), pytest.approx(truth.width[n]))
+        assert (kind, length, width) == (
+            truth.kind[n],
+            pytest.approx(truth.length[n]),
+            pytest.approx(truth.width[n]),
+        )
         known = truth.x[n, k], truth.y[n, k], truth.heading[n, k], truth.v[n, k]
         assert (x, y, heading, v) == pytest.approx(known, abs=1e-3)
     assert [f.name for f in tmp_path.iterdir()] == ["live.json"]
