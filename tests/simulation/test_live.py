@@ -47,7 +47,8 @@ def test_a_watched_drive_is_the_same_and_what_is_told_is_as_in_its_result(
     assert (state["build"], Path(state["map"])) == (case.build.label, case.network.path)
     ids = truth.ids.tolist()
     there = {n for n, valid in zip(ids, truth.valid[:, k], strict=True) if valid}
-    assert state["boxes"][0][0] == case.scenario.ego.id and {box[0] for box in state["boxes"]} == there
+    assert state["boxes"][0][0] == case.scenario.ego.id
+    assert {box[0] for box in state["boxes"]} == there
     for name, kind, x, y, heading, v, length, width in state["boxes"]:
         n = ids.index(name)
         assert (kind, length, width) == (
