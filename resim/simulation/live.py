@@ -12,6 +12,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from resim.core.geometry import wrap_angle
 from resim.core.watched import LIVE_VARIABLE
 from resim.simulation.case import Case
@@ -27,7 +29,11 @@ class LiveStates:
     """Tells of one drive. Of runs that are driven together the first one is shown."""
 
     def __init__(self, case: Case, file: str, end: float) -> None:
-        self._file, self._new, self._next = file, Path(f"{file}.{os.getpid()}.new"), 0.0
+        self._file, self._new = Path(file), Path(f"{file}.{os.getpid()}.new")
+        age = EVERY  # of the last state of the drive before
+        with suppress(OSError):
+            age = time.time() - self._file.stat().st_mtime
+        self._next = time.monotonic() + EVERY - min(max(age, 0.0), EVERY)
         ego = case.scenario.ego
         self._ego = [ego.id, ego.kind, ego.length, ego.width]
         self._head = {
@@ -40,23 +46,22 @@ class LiveStates:
         if now < self._next:
             return
         self._next = now + EVERY
-        x, y, heading, v = worlds.ego[0, :4].tolist()
+        motion = worlds.ego[0, :4]
+        away = abs(worlds.position - complex(*motion[:2]))
+        near = away.argsort(kind="stable")[: min(MOST, np.count_nonzero(np.isfinite(away)))]
+        place = worlds.position[near]
+        columns = [place.real, place.imag, wrap_angle(worlds.heading[near]), worlds.v[near],
+                   worlds.length[near], worlds.width[near]]  # fmt: skip
+        numbers = np.round(columns, 3).T.tolist()
+        names, kinds = worlds.ids[near].tolist(), worlds.kind[near].tolist()
         name, kind, length, width = self._ego
-        away = abs(worlds.position - complex(x, y))
-        nearest = away.argsort(kind="stable")[:MOST].tolist()
-        boxes = [[name, kind, round(x, 3), round(y, 3), round(heading, 4), round(v, 3), length, width]]
-        for n in nearest:
-            if away[n] < float("inf"):  # also not NaN: it is there
-                place = worlds.position[n]
-                boxes.append([
-                    str(worlds.ids[n]), str(worlds.kind[n]), round(place.real, 3), round(place.imag, 3),
-                    round(float(wrap_angle(worlds.heading[n])), 4), round(float(worlds.v[n]), 3),
-                    round(float(worlds.length[n]), 2), round(float(worlds.width[n]), 2),
-                ])  # fmt: skip
-        state = {**self._head, "t": round(worlds.t, 3), "boxes": boxes}
+        state = {
+            **self._head, "t": round(worlds.t, 3),
+            "boxes": [[name, kind, *np.round(motion, 3).tolist(), length, width],
+                      *([n, k, *own] for n, k, own in zip(names, kinds, numbers, strict=True))],
+        }  # fmt: skip
         with suppress(OSError, ValueError):  # of values that are no numbers
-            told = json.dumps(state, separators=(",", ":"), allow_nan=False)
-            self._new.write_text(told, encoding="utf-8")
+            self._new.write_text(json.dumps(state, separators=(",", ":"), allow_nan=False), encoding="utf-8")
             self._new.replace(self._file)
 
 

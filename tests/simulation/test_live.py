@@ -82,3 +82,5 @@ def test_states_come_at_most_so_often_of_whom_is_there(case: Case, tmp_path: Pat
     assert [box[0] for box in json.loads(file.read_text("utf-8"))["boxes"][1:]] == ["a", "c"]
     time.sleep(1.5 * live.EVERY)
     assert show(1.02) == 1.02
+    states = live.LiveStates(case, str(file), 7.0)  # of the next drive: at most so often all the same
+    assert show(0.0) == 1.02

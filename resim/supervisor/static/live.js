@@ -63,7 +63,7 @@
   function tell() { // in words twice a second: nobody reads faster
     if (performance.now() < heard + 500) return;
     heard = performance.now();
-    words.textContent = `${state.t.toFixed(2)} of ${state.end.toFixed(2)} s · ${state.build}, seed ${state.seed} · EGO ${state.boxes[0][5].toFixed(1)} m/s · ${state.boxes.length - 1} objects`;
+    words.textContent = `${state.t.toFixed(2)} of ${state.end.toFixed(2)} s · ${state.build}, seed ${state.seed} · EGO ${state.boxes[0][5].toFixed(1)} m/s · ${state.boxes.length - 1} ${state.boxes.length === 2 ? "object" : "objects"}`;
   }
 
   function listen() {
