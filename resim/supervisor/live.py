@@ -65,7 +65,7 @@ def roads_around(folder: Path) -> dict[str, Any]:
 
 def _flat(points: Floats, origin: Floats) -> list[int]:
     """Whole centimetres (2 K,) from the origin."""
-    return np.rint(100.0 * (points - origin)).astype(int).ravel().tolist()  # type: ignore[no-any-return]
+    return np.rint(100.0 * (points - origin)).astype(int).ravel().tolist()
 
 
 @lru_cache(maxsize=4)
