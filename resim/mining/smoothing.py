@@ -79,10 +79,10 @@ def half_widths(
     return half
 
 
-def below(t: Floats, values: Floats, piece: NDArray[np.integer]) -> Bools:
+def below(t: Floats, values: Floats, piece: NDArray[np.integer], fine: float = FINE) -> Bools:
     """Say in which samples (K,) values (K,) are below 0, noise apart: of exact ones just those that are.
 
-    Values are averaged, and are below 0 from where their average is surely so to where it surely is no more.
+    Values are averaged to a deviation of `fine`, and are below 0 from where their average is surely so to where it surely is no more.
     piece (K,): what belongs together, in order; values are finite in all of a piece, or in none, where they are never
     below.
     """
@@ -95,7 +95,7 @@ def below(t: Floats, values: Floats, piece: NDArray[np.integer]) -> Bools:
         if not np.isfinite(own[0]) or own.min() >= 0.0:
             continue
         if end - begin >= FEWEST:
-            mean, band = _averaged(own, float(np.median(np.diff(t[begin:end]))))
+            mean, band = _averaged(own, float(np.median(np.diff(t[begin:end]))), fine)
         else:
             mean, band = own, np.zeros(len(own))
         low[begin:end], sure[begin:end] = mean < band, mean < -band
@@ -110,10 +110,10 @@ def _noise(values: Floats) -> float:
     return NORMAL * float(np.median(np.abs(np.diff(values, 4)))) / float(np.sqrt(70.0))
 
 
-def _averaged(values: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Averages (K,) of values (K,), `dt` [s] apart, to a deviation of FINE, and how far off (K,) each may be."""
+def _averaged(values: Floats, dt: float, fine: float) -> tuple[Floats, Floats]:
+    """Averages (K,) of values (K,), `dt` [s] apart, to a deviation of `fine`, and how far off (K,) each may be."""
     count, sigma = len(values), _noise(values)
-    half = min(int(np.ceil(0.5 * ((sigma / FINE) ** 2 - 1.0))), int(AVERAGED / dt), count)
+    half = min(int(np.ceil(0.5 * ((sigma / fine) ** 2 - 1.0))), int(AVERAGED / dt), count)
     k = np.arange(count)
     reach = np.minimum(max(half, 0), np.minimum(k, count - 1 - k))
     total = np.concatenate([[0.0], np.cumsum(values - values[0])])
