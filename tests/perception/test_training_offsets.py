@@ -19,7 +19,9 @@ def test_an_offset_that_an_object_has_for_good_is_as_large_as_it_is(duration: fl
     offset = rng.normal(0.0, 1.0, (30, 1))
     error = offset - offset.mean() + rng.normal(0.0, 0.2, shape)
     drive = np.repeat(np.arange(10), 3)
-    problem = SpreadProblem(error, np.ones(shape, dtype=bool), np.full(shape, step), np.zeros((*shape, 0)), drive)
+    problem = SpreadProblem(
+        error, np.ones(shape, dtype=bool), np.full(shape, step), np.zeros((*shape, 0)), drive
+    )
     fitted = fit_spreads(problem)
     assert fitted is not None
     found = reconsidered(fitted, problem)

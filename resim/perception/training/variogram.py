@@ -49,7 +49,9 @@ def reconsidered(spreads: Spreads, problem: SpreadProblem) -> Spreads:
     ])  # fmt: skip
     se = np.sqrt((n - 1) / n * ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0))
     tau, share, scale = np.exp(every)
-    likely = min(np.log(spreads.tau), np.log(FARTHEST * lags[-1] * step))  # beyond it the variogram sees no time
+    likely = min(
+        np.log(spreads.tau), np.log(FARTHEST * lags[-1] * step)
+    )  # beyond it the variogram sees no time
     if abs(every[0] - likely) <= certain(SURE, n) * np.hypot(se[0], spreads.se.get("tau", 0.0)):
         return spreads
     was = float(np.mean((drift**2 / total**2)[problem.known]))
