@@ -39,6 +39,8 @@ def train(
     Raises:
         InputError: A recording or a file to write cannot be used, or there are too few drives.
     """
+    if report is not None and out is not None and path_of(report).absolute() == path_of(out).absolute():
+        raise InputError("--report", "is the file of --out", "Give each its own.")
     if report is not None and len(recordings) < 2:
         raise InputError(
             "--report", "one drive cannot both train and validate a model", "Give two drives or more."

@@ -19,3 +19,7 @@ class ParameterGroup(BaseModel):
     """A group of parameters: fields that it does not know are refused."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+Lasting = Annotated[float, Field(strict=True, gt=0.0, le=1e7)]
+"""A time [s] that may be longer than any drive: what lasts so long never changes."""

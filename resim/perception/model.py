@@ -25,7 +25,7 @@ from resim.core.errors import InputError
 from resim.core.files import parse_json, read_file
 from resim.core.plugins.frozen import FrozenFile, freeze, load_frozen
 from resim.core.schema import PerceptionSchema
-from resim.perception.fields import Late, NotNegative, Number, ParameterGroup, Positive, Rate, Share
+from resim.perception.fields import Lasting, Late, NotNegative, Number, ParameterGroup, Positive, Rate, Share
 from resim.perception.parts.ego import Localisation
 from resim.perception.parts.false_objects import FalseObjects
 from resim.perception.parts.registry import PARTS
@@ -103,7 +103,7 @@ class Error(ParameterGroup):
 
     bias: Response = Response()
     drift: Spread = Spread()
-    correlation_time: Positive = 1.0
+    correlation_time: Lasting = 1.0
     noise: Spread = Spread()
 
 

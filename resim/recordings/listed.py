@@ -73,6 +73,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
     out: list[str] = []
     for folder in folders:
         parts = [re.sub(r"[^\w.-]", "_", part) for part in folder.absolute().parts if part.strip("/")]
+        parts = parts or ["root"]
         choices = [".".join(parts[-depth:]) for depth in range(1, len(parts) + 1)]
         numbered = (f"{parts[-1]}.{number}" for number in count(2))
         out.append(next(name for name in chain(choices, numbered) if name not in out))

@@ -237,6 +237,9 @@ def test_the_same_drive_twice_and_one_drive_to_judge_itself_are_refused(call, tm
     page = ("--report", tmp_path / "m.html")
     code, _, error = call("perception", "train", CORNER_CASE, "--out", tmp_path / "m.json", *page)
     assert (code, "one drive cannot both train" in error) == (2, True)
+    same = "--out", tmp_path / "m.json", "--report", tmp_path / "m.json"
+    code, _, error = call("perception", "train", CORNER_CASE, CORNER_CASE, *same)
+    assert (code, "is the file of --out" in error) == (2, True)
     assert not any(tmp_path.iterdir())
 
 

@@ -26,3 +26,8 @@ def test_what_is_no_recording_any_more_does_not_drop_out_of_a_glob(tmp_path: Pat
     (tmp_path / "set" / "bad").symlink_to(tmp_path / "gone")
     with pytest.raises(InputError, match=r"set/bad has no recording\.toml"):
         found_folders(tmp_path / "suite.toml", [entry])
+
+
+def test_the_root_folder_has_a_name_as_well(tmp_path: Path) -> None:
+    named, _ = found_folders(tmp_path / "suite.toml", [RecordingEntry(folder="/")])
+    assert named == {"root": Path("/")}

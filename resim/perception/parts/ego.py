@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Floats
-from resim.perception.fields import NotNegative, Number, ParameterGroup, Positive
+from resim.perception.fields import Lasting, NotNegative, Number, ParameterGroup
 from resim.perception.parts.definition import PerceptionPart, RunningPart
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class EgoStateError(ParameterGroup):
 
     bias: Number = 0.0
     drift: NotNegative = 0.0
-    correlation_time: Positive = 1.0
+    correlation_time: Lasting = 1.0
     noise: NotNegative = 0.0
 
 

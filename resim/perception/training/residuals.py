@@ -155,10 +155,11 @@ class Regression:
         at = [self.names.index(n) for n in (*base, name)]
         normal, right = self.normal[:, at][:, :, at], self.right[:, at]
         total = normal.sum(axis=0)
-        scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
-        values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
+        scale = np.sqrt(np.diag(total))
         if scale[-1] <= 1e-6:
             return None
+        scale[scale <= 1e-6] = 1.0  # a column of the base that is 0 throughout, as latency where nobody turns
+        values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
         inverse = (vectors / np.maximum(values, 1e-9)) @ vectors.T / np.outer(scale, scale)
         if 1.0 / (inverse[-1, -1] * total[-1, -1]) < LEAST_OWN:
             return None

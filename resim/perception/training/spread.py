@@ -25,6 +25,9 @@ WORTH = 2.0
 """Standard errors by which its score differs from none for a dependence to be tried."""
 GAIN = 10.8
 """Twice the log-likelihood that a part has to earn: the same."""
+LASTING, LONGEST = 1e4, 1e7
+"""Correlation time over the duration of the longest record, and in s, at most: an offset that an object has for good.
+"""
 LEAST = 1e-3
 """Share of the whole spread below which a part is none."""
 
@@ -107,7 +110,7 @@ class _Fitter:
         self.drives = len(np.unique(problem.group[known.any(axis=1)]))
         duration = float(np.max(np.where(known, np.cumsum(problem.steps, axis=1), 0.0)))
         step = float(np.median(problem.steps[:, 1:][known[:, 1:]])) if known[:, 1:].any() else 0.04
-        self.limits = {"tau": (np.log(0.5 * step), np.log(max(duration, 2.0 * step)))}
+        self.limits = {"tau": (np.log(0.5 * step), np.log(np.clip(LASTING * duration, 2.0 * step, LONGEST)))}
         self.tau_0 = np.log(np.clip(0.1 * duration, 2.0 * step, 2.0))
 
     def both(self) -> _FreeParameters:

@@ -18,6 +18,8 @@ from resim.perception.training.spread import SpreadProblem, Spreads
 
 LONGEST, LAGS = 3.0, 24
 """Lags [s] that are looked at, and how many."""
+FARTHEST = 10.0
+"""Correlation times over the longest lag that can be told from ones for good."""
 SURE = 3.0
 """Standard errors, of many drives, by which the logarithms of both correlation times differ, for the variogram to be
 believed."""
@@ -47,7 +49,10 @@ def reconsidered(spreads: Spreads, problem: SpreadProblem) -> Spreads:
     ])  # fmt: skip
     se = np.sqrt((n - 1) / n * ((left_out - left_out.mean(axis=0)) ** 2).sum(axis=0))
     tau, share, scale = np.exp(every)
-    if abs(every[0] - np.log(spreads.tau)) < certain(SURE, n) * np.hypot(se[0], spreads.se.get("tau", 0.0)):
+    likely = min(
+        np.log(spreads.tau), np.log(FARTHEST * lags[-1] * step)
+    )  # beyond it the variogram sees no time
+    if abs(every[0] - likely) <= certain(SURE, n) * np.hypot(se[0], spreads.se.get("tau", 0.0)):
         return spreads
     was = float(np.mean((drift**2 / total**2)[problem.known]))
     errors = {**spreads.se, "tau": float(se[0]), "drift": float(np.hypot(se[1] / 2.0, se[2] / 2.0))}
@@ -73,7 +78,7 @@ def _fit(sums: Floats, counts: Floats, squares: Floats, lags: Floats) -> Floats:
     variance * exp(-lag / tau), weighted least squares on a grid of tau."""
     variance = float(squares[0] / squares[1])
     covariance = variance - sums / np.maximum(counts, 1.0)
-    taus = np.geomspace(0.5 * lags[0], 10.0 * lags[-1], 400)
+    taus = np.geomspace(0.5 * lags[0], FARTHEST * lags[-1], 400)
     shape = np.exp(-lags / taus[:, None])
     weight = np.gradient(lags) * (counts > 0)
     level = np.clip(

@@ -66,7 +66,27 @@ def clocks(
     apart = [abs(f.delay - whole.delay) > max(0.1, SURE * f.spread) for f in fits.values()]
     if whole.what and np.mean(apart) <= MOST_APART:
         return [_delayed("sd", "", sd.span, whole.delay, "every object of it", whole.point)], set(by_id)
+    if sensed := _sensed(sd, known, fits, ego):
+        out, more = _single(gt, sd, {name: fit for name, fit in fits.items() if name not in sensed[1]}, by_id)
+        return [sensed[0], *out], sensed[1] | more
     return _single(gt, sd, fits, by_id)
+
+
+def _sensed(
+    sd: CheckedTable, known: list[MatchedTrack], fits: dict[str, Delay], ego: str
+) -> tuple[RankedFinding, set[str]] | None:
+    """The latency of all but the EGO, which is localised by another sensor, and their ids; only where it is sure.
+
+    A bumper in place of the centre looks the same at like speeds: that stays the error that it may be.
+    """
+    others = [pair for pair in known if pair.gt.id != ego]
+    late = pooled(known, ego, sensed=True)
+    mine = [fits[p.sd.id] for p in others if p.sd.id in fits]
+    apart = [abs(f.delay - late.delay) > max(0.1, SURE * f.spread) for f in mine]
+    if late.what != "delay" or late.delay < LATENCY or not apart or np.mean(apart) > MOST_APART:
+        return None
+    found = _delayed("sd", "", sd.span, late.delay, "every object of it but the EGO")
+    return found, {pair.sd.id for pair in others}
 
 
 def _drift(

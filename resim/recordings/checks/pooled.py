@@ -14,7 +14,7 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.recordings.checks.matching import MatchedTrack
-from resim.recordings.checks.tracks import PEDESTRIAN
+from resim.recordings.checks.tracks import PEDESTRIAN, Track
 
 BIN = 1.0
 """Time [s] over which offsets are taken in the median."""
@@ -62,12 +62,12 @@ class _PooledFit:
     astray: float
 
 
-def pooled(known: list[MatchedTrack], ego: str) -> Pooled:
-    """Tell a common delay and a common drift of SD from another reference point."""
-    pairs = [p for p in known if p.gt.kind != PEDESTRIAN]
+def pooled(known: list[MatchedTrack], ego: str, *, sensed: bool = False) -> Pooled:
+    """Tell a common delay and a common drift of SD from another reference point; sensed: of all but the EGO."""
+    pairs = [p for p in known if p.gt.kind != PEDESTRIAN and not (sensed and p.gt.id == ego)]
     if not pairs:
         return Pooled("")
-    bins = _Bins.of(pairs, ego)
+    bins = _Bins.of(pairs, ego, max((p.gt for p in known if p.gt.id == ego), key=len, default=None))
     plain, delayed, drifted = (bins.fit(n) for n in (0, 1, 2))
     delay, drift = float(delayed.value[0]), float(drifted.value[1])
     span = (float(min(p.t[0] for p in pairs)), float(max(p.t[-1] for p in pairs)))
@@ -80,7 +80,8 @@ def pooled(known: list[MatchedTrack], ego: str) -> Pooled:
     if any(_at_side(p) for p in pairs):
         return Pooled("")  # no delay moves an object sideways
     sign = -1.0 if delay > 0.0 else 1.0
-    points = sign * np.ones(len(bins.e)), sign * bins.biases[:, 0]  # of all, of the EGO alone
+    # of all, of the EGO alone, and of the side that a sensor on the EGO sees
+    points = sign * np.ones(len(bins.e)), sign * bins.biases[:, 0], bins.seen
     turned = min(bins.fit(0, point).cost for point in points)
     if turned < delayed.cost - (CLEAR if delay > 0.0 else -CLEAR):  # no sensor is early
         return Pooled("")
@@ -96,35 +97,44 @@ def _at_side(pair: MatchedTrack) -> bool:
     return across > SIDE and abs(across - 0.5 * pair.gt.width) < SIDE_NEAR
 
 
+def _side(pair: MatchedTrack, seer: Track) -> Floats:
+    """Whether the EGO is ahead of the object (1) or behind it (-1), at each time; 0 for itself."""
+    to = np.interp(pair.t, seer.t, seer.p) - np.interp(pair.t, pair.gt.t, pair.gt.p)
+    ahead = to * np.exp(-1j * np.interp(pair.t, pair.gt.t, pair.gt.heading))
+    return np.asarray(np.sign(ahead.real))
+
+
 @dataclass(frozen=True, eq=False)
 class _Bins:
     """Offset ahead e [m], speed v [m/s], time from -0.5 to 0.5 and half length [m] of every bin; columns of the
-    biases, and the standard deviation of each."""
+    biases, and the standard deviation of each. seen: 1 where the EGO is ahead, -1 behind, 0 where it is itself."""
 
     e: Floats
     v: Floats
     u: Floats
     half: Floats
+    seen: Floats
     biases: Floats
     prior: Floats
 
     @classmethod
-    def of(cls, pairs: list[MatchedTrack], ego: str) -> _Bins:
+    def of(cls, pairs: list[MatchedTrack], ego: str, seer: Track | None) -> _Bins:
         rows = []
         for n, pair in enumerate(pairs):
+            side = np.zeros(len(pair.t)) if seer is None else _side(pair, seer)
             number = np.floor((pair.t - pair.t[0]) / BIN).astype(int)
             for k in range(number[-1] + 1):
                 if (own := number == k).any():
-                    place = (float(np.median(values[own])) for values in (pair.along, pair.v, pair.t))
+                    place = (float(np.median(values[own])) for values in (pair.along, pair.v, pair.t, side))
                     rows.append((*place, 0.5 * pair.gt.length, n))
-        e, v, t, half, n = np.array(rows).T
+        e, v, t, seen, half, n = np.array(rows).T
         lasts = max(float(np.ptp(t)), BIN)
         is_ego = np.array([p.gt.id == ego for p in pairs])[n.astype(int)]
         biases = np.zeros((len(e), len(pairs) + 2))
         biases[:, 0], biases[:, 1] = is_ego, ~is_ego
         biases[np.arange(len(e)), n.astype(int) + 2] = 1.0
         prior = np.r_[LOCALISED, SHARED, np.full(len(pairs), OWN)]
-        return cls(e, v, (t - t.min()) / lasts - 0.5, half, biases, prior)
+        return cls(e, v, (t - t.min()) / lasts - 0.5, half, seen, biases, prior)
 
     def fit(self, terms: int, point: float | Floats = 0.0) -> _PooledFit:
         """The most likely delay (terms 1) and drift (2), given that the point is so many half lengths off (K,)."""

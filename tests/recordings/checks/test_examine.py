@@ -378,6 +378,44 @@ def test_a_reference_point_is_told_from_a_delay_where_speeds_differ(tables: Read
     assert not [f for f in found if f.code == "CLOCK_OFFSET"]
 
 
+def driven_around(before: RecordingTables, seed: int, late: float = 0.0, off: str = "") -> RecordingTables:
+    """Three cars around an EGO at 25 m/s, and what a sensor says of them that is so late [s], or names a bumper: always
+    the "rear" one, or the one that it "sees"."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 10.0, 0.04)
+    row = (
+        before.gt[own(before.gt, "ego")].iloc[[0] * len(t)].assign(y=0.0, heading=0.0, length=4.7, kind="car")
+    )
+    ego = row.assign(t=t, x=25.0 * t, v=25.0, id="ego")
+    gt, sd = [ego], [ego.assign(gt_id="ego")]
+    for k in range(3):
+        v0, a, w, p = rng.uniform(19, 31), rng.uniform(2, 4), rng.uniform(0.7, 1.5), rng.uniform(0, 6)
+        begin, y = rng.uniform(-40.0, 60.0) + 40.0 * k, 3.5 * k + 3.5
+        x, far = (begin + v0 * s - a / w * np.cos(w * s + p) for s in (t, t - late))
+        v = v0 + a * np.sin(w * t + p)
+        bumper = {"": 0.0, "rear": -1.0, "seen": -np.sign(x - ego["x"].to_numpy())}[off]
+        gt.append(row.assign(t=t, x=x, y=y, v=v, id=f"c{k}"))
+        noisy = far + 2.35 * bumper + rng.normal(0.0, 0.1, len(t))
+        sd.append(row.assign(t=t, x=noisy, y=y, v=v, id=f"c{k}", gt_id=f"c{k}"))
+    both = (pd.concat(parts).sort_values("t", kind="stable").reset_index(drop=True) for parts in (gt, sd))
+    return replace(before, gt=next(both), sd=next(both))
+
+
+def test_a_latency_of_all_but_the_ego_is_told_once_and_stops_nothing(tables: Read) -> None:
+    told = [examine(driven_around(tables("overtake"), seed, 0.12), None) for seed in range(3)]
+    assert [[(f.code, f.severity, f.object) for f in found] for found in told] == [
+        [("CLOCK_OFFSET", "note", "")]
+    ] * 3
+    assert [found[0].value for found in told] == pytest.approx([0.12] * 3, abs=0.03)
+
+
+@pytest.mark.parametrize("off", ["rear", "seen"])
+def test_a_bumper_is_no_latency_of_all_but_the_ego(tables: Read, off: str) -> None:
+    for seed in range(12):
+        found = examine(driven_around(tables("overtake"), seed, off=off), None)
+        assert "CLOCK_OFFSET" not in {f.code for f in found}, seed
+        assert off == "seen" or "REFERENCE_POINT" in {f.code for f in found if f.severity == "error"}, seed
+
+
 @pytest.mark.parametrize("off", [0.06, 0.15, 0.3])
 def test_a_pedestrian_is_too_small_for_a_reference_point(tables: Read, look: Look, off: float) -> None:
     before = tables("overtake")
