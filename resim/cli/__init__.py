@@ -31,6 +31,7 @@ from resim.cli import (
     sweep,
     sweep_report,
     traffic,
+    users,
     vary,
     verify,
 )
@@ -60,6 +61,7 @@ __all__ = [
     "sweep",
     "sweep_report",
     "traffic",
+    "users",
     "vary",
     "verify",
 ]

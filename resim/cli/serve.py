@@ -15,7 +15,7 @@ from resim.cli.terminal import add_to_json, say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
-    from resim.supervisor.access import Role
+    from resim.supervisor.users import Role
 
 NEEDED = ("starlette", "uvicorn", "jinja2", "psutil")
 
@@ -50,7 +50,7 @@ def serve(
         str,
         typer.Option(
             metavar="URL",
-            help="Let other machines in by this https address; who has the token may run code on this one.",
+            help="Let users on other machines in by this https address; who may run may run code on this one.",
         ),
     ] = "",
     certificate: Certificate = None,
@@ -76,9 +76,12 @@ def serve(
         raise InputError(VARIABLE, "switches the catalog off", "Unset it, or name a file or database.")
 
     def ready(addresses: Mapping[Role, str], page: Path) -> None:
-        add_to_json(address=addresses["run"], look=addresses["look"])
-        say(addresses["run"])
-        say(f"to look only: {addresses['look']}")
+        add_to_json(address=addresses.get("administer", allow_remote), look=addresses.get("look", ""))
+        if addresses:
+            say(addresses["administer"])
+            say(f"to look only: {addresses['look']}")
+        else:
+            say(f"{allow_remote.rstrip('/')}/?token=... with the token of each user")
         sys.stdout.flush()
         if not no_open:
             open_browser(page)

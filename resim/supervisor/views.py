@@ -327,6 +327,16 @@ def _options(supervisor: Supervisor, field: FormField, given: Sequence[str]) -> 
     return found
 
 
+# who did what
+
+
+def trail(supervisor: Supervisor, request: Request) -> Told:
+    """What was done by whom. Raises MissingError for who may not see it."""
+    if request.state.visitor.role != "administer":
+        raise MissingError("There is no such page for you.")
+    return "trail.html", {"lines": supervisor.audit.last(MOST_OUTCOMES)}
+
+
 # search
 
 
@@ -360,5 +370,6 @@ PAGES: Mapping[str, Callable[[Supervisor, Request], Told]] = {
     "/live": live,
     "/jobs": jobs,
     "/jobs/{name}": job,
+    "/trail": trail,
     "/search": search,
 }

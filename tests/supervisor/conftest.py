@@ -40,6 +40,7 @@ def supervisor(catalog: str, tmp_path: Path) -> Any:
     from resim.supervisor.guard import Door
     from resim.supervisor.parts import Supervisor, SupervisorSettings
     from resim.supervisor.places import RegisteredFolders
+    from resim.supervisor.users import Users
 
     folders = RegisteredFolders([ROOT / "scenarios", ROOT / "adfunc"])
     folders.scan()
@@ -49,7 +50,7 @@ def supervisor(catalog: str, tmp_path: Path) -> Any:
         job_forms(),
         folders,
         tmp_path / "tasks",
-        Access(KEY, 8765),
+        Access(KEY, 8765, Users(tmp_path / "users.json")),
         door,
         tmp_path / "audit.jsonl",
     )
@@ -69,7 +70,7 @@ def client(supervisor: Any) -> Any:
 @pytest.fixture
 def user(supervisor: Any, client: Any) -> Any:
     """A browser that was let in."""
-    assert client.get("/", params={"token": supervisor.access.tokens["run"]}).status_code == 200
+    assert client.get("/", params={"token": supervisor.access.tokens["administer"]}).status_code == 200
     return client
 
 
