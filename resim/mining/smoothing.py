@@ -82,8 +82,8 @@ def half_widths(
 def below(t: Floats, values: Floats, piece: NDArray[np.integer], fine: float = FINE) -> Bools:
     """Say in which samples (K,) values (K,) are below 0, noise apart: of exact ones just those that are.
 
-    Values are averaged to a deviation of `fine`, and are below 0 from where their average is surely so to where it surely
-    is no more.
+    Values are averaged to a deviation of `fine`, and are below 0 from where their average is surely so to where it
+    surely is no more.
     piece (K,): what belongs together, in order; values are finite in all of a piece, or in none, where they are never
     below.
     """
