@@ -64,7 +64,7 @@ def serve(
     refuse_without_extra()
     from resim.cli.job_forms import job_forms
     from resim.results.catalog import user_catalog
-    from resim.results.tables import VARIABLE, data_folder
+    from resim.results.database import VARIABLE, data_folder
     from resim.supervisor.server import ServeOptions, open_browser
     from resim.supervisor.server import serve as run
 

@@ -9,8 +9,8 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Select, and_, func, or_, select
 
 from resim.results.catalog import Catalog
-from resim.results.entry import ResultKind
-from resim.results.tables import INPUT, OUTCOME, RESULT
+from resim.results.entry import ItemKind
+from resim.results.tables import INPUT, ITEM, OUTCOME
 
 MOST_HASHES = 500
 """Values in one query: databases take a limited number."""
@@ -23,7 +23,7 @@ class ResultQuery:
     """
 
     text: str = ""
-    kind: ResultKind | None = None
+    kind: ItemKind | None = None
     verdict: str = ""
 
 
@@ -32,7 +32,7 @@ class ListedResult:
     """A result as a list shows it. counts: of outcomes by verdict. builds, against: labels."""
 
     id: str
-    kind: ResultKind
+    kind: ItemKind
     name: str
     written: str
     verdict: str
@@ -56,7 +56,7 @@ class OutcomeOf:
     """An outcome with the result that it stands in. hash: of the recording's content."""
 
     result: str
-    kind: ResultKind
+    kind: ItemKind
     written: str
     recording: str
     hash: str
@@ -75,27 +75,27 @@ class CatalogOverview:
     def version(self) -> tuple[int, str]:
         """Give what is another one once a result was put in."""
         with self._catalog.connected() as connection:
-            count, latest = connection.execute(select(func.count(), func.max(RESULT.c.written))).one()
+            count, latest = connection.execute(select(func.count(), func.max(ITEM.c.written))).one()
         return int(count), str(latest or "")
 
     def page(self, query: ResultQuery, first: int, most: int) -> tuple[list[ListedResult], int]:
         """Give at most so many of the results that match, the newest first, from number `first` on; and how many do."""
         wanted = _wanted(query)
-        rows = select(*_LISTED).where(*wanted).order_by(RESULT.c.written.desc(), RESULT.c.id)
+        rows = select(*_LISTED).where(*wanted).order_by(ITEM.c.written.desc(), ITEM.c.id)
         with self._catalog.connected() as connection:
-            count = connection.scalar(select(func.count()).select_from(RESULT).where(*wanted)) or 0
+            count = connection.scalar(select(func.count()).select_from(ITEM).where(*wanted)) or 0
             return _listed(connection, rows.offset(first).limit(most)), int(count)
 
     def verdicts(self) -> list[str]:
         """Give all verdicts that results have."""
         with self._catalog.connected() as connection:
-            return sorted(v for v in connection.scalars(select(RESULT.c.verdict).distinct()).all() if v)
+            return sorted(v for v in connection.scalars(select(ITEM.c.verdict).distinct()).all() if v)
 
     def inputs(self, role: str) -> list[UsedInput]:
         """Give all inputs of a role, each content under each name once, by name."""
         told = (INPUT.c.name, INPUT.c.hash)
         rows = (
-            select(*told, func.max(INPUT.c.path), func.count(INPUT.c.result.distinct()))
+            select(*told, func.max(INPUT.c.path), func.count(INPUT.c.item.distinct()))
             .where(INPUT.c.role == role)
             .group_by(*told)
             .order_by(*told)
@@ -111,48 +111,46 @@ class CatalogOverview:
             found += self._outcomes(INPUT.c.hash.in_(wanted[k : k + MOST_HASHES]))
         return sorted(found, key=lambda o: o.written, reverse=True)
 
-    def of_build(self, name: str, digest: str, kinds: Sequence[ResultKind]) -> list[OutcomeOf]:
+    def of_build(self, name: str, digest: str, kinds: Sequence[ItemKind]) -> list[OutcomeOf]:
         """Give the outcomes of a build in results of some kinds, the newest first."""
         its = (INPUT.c.role == "build") & (INPUT.c.name == name) & (INPUT.c.hash == digest)
-        results = select(INPUT.c.result).where(its)
+        results = select(INPUT.c.item).where(its)
         return self._outcomes(
-            and_(OUTCOME.c.result.in_(results), OUTCOME.c.build == name, RESULT.c.kind.in_(kinds))
+            and_(OUTCOME.c.item.in_(results), OUTCOME.c.build == name, ITEM.c.kind.in_(kinds))
         )
 
     def results_of_build(self, name: str, digest: str, most: int) -> list[ListedResult]:
         """Give the newest results of a build, at most so many."""
         its = (INPUT.c.role == "build") & (INPUT.c.name == name) & (INPUT.c.hash == digest)
-        rows = select(*_LISTED).where(RESULT.c.id.in_(select(INPUT.c.result).where(its)))
+        rows = select(*_LISTED).where(ITEM.c.id.in_(select(INPUT.c.item).where(its)))
         with self._catalog.connected() as connection:
-            return _listed(connection, rows.order_by(RESULT.c.written.desc(), RESULT.c.id).limit(most))
+            return _listed(connection, rows.order_by(ITEM.c.written.desc(), ITEM.c.id).limit(most))
 
     def _outcomes(self, condition: ColumnElement[bool]) -> list[OutcomeOf]:
-        of = and_(
-            INPUT.c.result == RESULT.c.id, INPUT.c.role == "recording", INPUT.c.name == OUTCOME.c.recording
-        )
+        of = and_(INPUT.c.item == ITEM.c.id, INPUT.c.role == "recording", INPUT.c.name == OUTCOME.c.recording)
         rows = (
             select(
-                RESULT.c.id, RESULT.c.kind, RESULT.c.written, OUTCOME.c.recording, INPUT.c.hash, OUTCOME.c.build,
+                ITEM.c.id, ITEM.c.kind, ITEM.c.written, OUTCOME.c.recording, INPUT.c.hash, OUTCOME.c.build,
                 OUTCOME.c.source, OUTCOME.c.verdict, OUTCOME.c.cause,
             )
-            .join(OUTCOME, OUTCOME.c.result == RESULT.c.id)
+            .join(OUTCOME, OUTCOME.c.item == ITEM.c.id)
             .join(INPUT, of)
             .where(condition)
-            .order_by(RESULT.c.written.desc(), RESULT.c.id, OUTCOME.c.row)
+            .order_by(ITEM.c.written.desc(), ITEM.c.id, OUTCOME.c.row)
         )  # fmt: skip
         with self._catalog.connected() as connection:
             return [OutcomeOf(*row) for row in connection.execute(rows)]
 
 
-_LISTED = tuple(RESULT.c[name] for name in ("id", "kind", "name", "written", "verdict", "counts"))
+_LISTED = tuple(ITEM.c[name] for name in ("id", "kind", "name", "written", "verdict", "counts"))
 
 
 def _listed(connection: Connection, rows: Select[Any]) -> list[ListedResult]:
     """Results as rows of a list, with the builds of each: nothing else of them is read."""
     found = connection.execute(rows).all()
-    of = INPUT.c.result.in_([row.id for row in found]) & INPUT.c.role.in_(("build", "against"))
+    of = INPUT.c.item.in_([row.id for row in found]) & INPUT.c.role.in_(("build", "against"))
     builds: dict[tuple[str, str], list[str]] = {}
-    told = select(INPUT.c.result, INPUT.c.role, INPUT.c.name).where(of).order_by(INPUT.c.row)
+    told = select(INPUT.c.item, INPUT.c.role, INPUT.c.name).where(of).order_by(INPUT.c.row)
     for result, role, name in connection.execute(told):
         builds.setdefault((result, role), []).append(name)
     return [
@@ -167,21 +165,21 @@ def _listed(connection: Connection, rows: Select[Any]) -> list[ListedResult]:
 def _wanted(query: ResultQuery) -> list[ColumnElement[bool]]:
     wanted: list[ColumnElement[bool]] = []
     if query.kind is not None:
-        wanted.append(RESULT.c.kind == query.kind)
+        wanted.append(ITEM.c.kind == query.kind)
     if query.verdict:
-        wanted.append(RESULT.c.verdict == query.verdict)
+        wanted.append(ITEM.c.verdict == query.verdict)
     for word in query.text.split():
-        inputs = select(INPUT.c.result).where(
+        inputs = select(INPUT.c.item).where(
             or_(
                 INPUT.c.name.icontains(word, autoescape=True), INPUT.c.hash.istartswith(word, autoescape=True)
             )
         )
         wanted.append(
             or_(
-                RESULT.c.name.icontains(word, autoescape=True),
-                RESULT.c.folder.icontains(word, autoescape=True),
-                RESULT.c.id.istartswith(word, autoescape=True),
-                RESULT.c.id.in_(inputs),
+                ITEM.c.name.icontains(word, autoescape=True),
+                ITEM.c.folder.icontains(word, autoescape=True),
+                ITEM.c.id.istartswith(word, autoescape=True),
+                ITEM.c.id.in_(inputs),
             )
         )
     return wanted

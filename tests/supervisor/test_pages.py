@@ -322,21 +322,31 @@ def test_verdicts_that_are_not_known_are_never_good() -> None:
 def test_pages_of_many_drives_and_results_come_soon(supervisor: Any, user: Any, known: Catalog) -> None:
     from sqlalchemy import insert
 
-    from resim.results.tables import INPUT, OUTCOME, RESULT
+    from resim.results.tables import INPUT, ITEM, OUTCOME
 
     n = 3000
     with known.connected() as connection, connection.begin():
-        told = {"kind": "run", "host": "h", "digest": "d", "resim": "0", "verdict": "PASS", "counts": {}}
-        connection.execute(insert(RESULT), [
+        told = {
+            "kind": "run",
+            "host": "h",
+            "digest": "d",
+            "resim": "0",
+            "verdict": "PASS",
+            "counts": {},
+            "files": {},
+            "fault": "",
+        }
+        connection.execute(insert(ITEM), [
             {**told, "id": f"{k:016x}", "name": f"d{k}", "folder": f"/r/{k}",
              "written": f"2026-01-01T00:00:00.{k:06}+00:00"} for k in range(n)
         ])  # fmt: skip
         connection.execute(insert(INPUT), [
-            {"result": f"{k:016x}", "row": 0, "role": "recording", "name": f"d{k}", "path": "", "hash": f"{k:064x}"}
+            {"item": f"{k:016x}", "row": 0, "role": "recording", "name": f"d{k}", "path": "", "hash": f"{k:064x}"}
             for k in range(n)
         ])  # fmt: skip
         connection.execute(insert(OUTCOME), [
-            {"result": f"{k:016x}", "row": 0, "recording": f"d{k}", "build": "", "source": "rGT", "verdict": "PASS",
+            {"item": f"{k:016x}", "row": 0, "recording": f"d{k}", "hash": f"{k:064x}",
+             "build": "", "source": "rGT", "verdict": "PASS",
              "cause": ""} for k in range(n)
         ])  # fmt: skip
     user.get("/experiments")
