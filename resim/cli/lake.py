@@ -169,6 +169,31 @@ def show(
     _print_links(links)
 
 
+@command(lake)
+def backup(
+    file: Annotated[Path, typer.Argument(help="A new file, which you alone may read.")],
+) -> None:
+    """Keep what follows from no files: tasks, registered paths, audit trail, key of the tokens."""
+    from resim.jobs.lake import lake_backup
+
+    _counted("kept", lake_backup(file))
+
+
+@command(lake)
+def restore(
+    file: Annotated[Path, typer.Argument(help="What `resim lake backup` wrote.")],
+) -> None:
+    """Put back what a backup holds and is not there; then `resim lake scan` makes the index again."""
+    from resim.jobs.lake import lake_restore
+
+    _counted("put back", lake_restore(file))
+
+
+def _counted(what: str, counts: dict[str, int]) -> None:
+    add_to_json(**{name.replace(".", "_"): count for name, count in counts.items()})
+    say(f"{what}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+
+
 def _print_csv(items: tuple[LakeItem, ...]) -> None:
     import csv
     import io

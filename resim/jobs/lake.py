@@ -11,8 +11,9 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.jobs.given import path_of
+from resim.results.backup import back_up, restore
 from resim.results.catalog import Catalog, user_catalog
-from resim.results.database import VARIABLE
+from resim.results.database import VARIABLE, data_folder
 from resim.results.entry import CatalogEntry, CatalogInput
 from resim.results.lake import ITEM_KINDS, LakeItem, LakeQuery, SortKey, find_page, with_content
 from resim.results.scanning import Noted, ScanCounts, register, scan, unregister
@@ -221,3 +222,35 @@ def _command(entry: CatalogEntry, origins: Iterable[tuple[CatalogInput, tuple[La
     for role, option in options.items():
         command += [option, paths[role]] if role in needed else []
     return shlex.join(command)
+
+
+def lake_backup(file: str | Path, *, catalog: str | None = None) -> dict[str, int]:
+    """Write what follows from no files: tasks, registered paths, audit trail, key of the tokens.
+
+    Args:
+        file: A new file, which this user alone may read.
+        catalog: Path or URL of the database, None for the user's.
+
+    Returns:
+        How much of each there is.
+
+    Raises:
+        InputError: The file is there, or cannot be written.
+    """
+    return back_up(the_catalog(catalog), data_folder(), path_of(file))
+
+
+def lake_restore(file: str | Path, *, catalog: str | None = None) -> dict[str, int]:
+    """Put back what a backup holds and is not there; nothing that is there is changed.
+
+    Args:
+        file: What `lake_backup` wrote.
+        catalog: Path or URL of the database, None for the user's.
+
+    Returns:
+        How much of each was put back.
+
+    Raises:
+        InputError: It is no backup of this version.
+    """
+    return restore(the_catalog(catalog), data_folder(), path_of(file))

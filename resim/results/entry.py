@@ -42,9 +42,9 @@ assessment, too."""
 class CatalogInput:
     """Something that a result follows from.
 
-    role: recording, map, build, against (the older build), criteria, perception, suite, mining, space. name: of a
-    recording its name, of a build its label. path: absolute, "" where it is not told. hash: SHA-256, "" where it is not
-    told.
+    role: recording, map, build, against (the older build), drove (the build that drove a recording), criteria,
+    perception, suite, mining, space. name: of a recording its name, of a build its label. path: absolute, "" where it
+    is not told. hash: SHA-256, "" where it is not told.
     """
 
     role: str

@@ -99,7 +99,7 @@ def _recording(folder: Path) -> _Contents:
     road = os.path.normpath(folder / settings.map)
     inputs = [CatalogInput("map", Path(road).stem, road, file_hash(Path(road), "Its map is not there."))]
     if settings.build is not None:
-        inputs.append(CatalogInput("build", settings.build, hash=settings.build_hash or ""))
+        inputs.append(CatalogInput("drove", settings.build, hash=settings.build_hash or ""))
     mined, origin = _origin(folder)
     tables = [CatalogFact("table", name) for name in _TABLES if _has_table(folder, name)]
     facts = [*tables, *_weather(settings), *_tags(settings), *_findings(folder)]

@@ -1,13 +1,13 @@
 """The lake: finds everything by what is known of it, a page at a time, and what belongs together by content.
 
-Few or many: each condition is asked first for how many rows fit it. If the rarest fits few, these are gathered, and
-tried by the others; if all fit many, an index is walked in the order of the page, until that is full.
+Few or many: each condition is asked first for how many rows fit it. What few fit is gathered, and sorted; if all fit
+many, an index is walked in the order of the page, and each item tried, until the page is full.
 """
 
 from __future__ import annotations
 
 import string
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args
 
@@ -23,6 +23,7 @@ from sqlalchemy import (
     or_,
     select,
     union,
+    union_all,
 )
 
 from resim.results.catalog import AT_ONCE, LEAST, Catalog, begins
@@ -37,8 +38,8 @@ SORTS: Mapping[SortKey, bool] = {"written": True, "name": False, "risk": True}
 ITEM_KINDS: tuple[ItemKind, ...] = tuple(
     kind for part in get_args(ItemKind) for kind in get_args(part) or (part,)
 )
-FEW = 20_000
-"""Rows that are gathered and sorted; counts of what is filtered go no further."""
+FEW = 10_000
+"""Rows that are gathered and sorted."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,11 @@ class LakeQuery:
         risk_below: Its accident risk is less.
         verdict: Over all, or of any outcome.
         build: Beginning of a build's label, or of its hash.
-        hashes: It is about any of these contents: a recording itself, or what follows from one.
+        hashes: It follows from any of these contents.
+        verdicts: Any result tells one of these of its content.
+        judged: Whether any result tells anything of its content.
+        folders: It lies at one of these paths.
+        host: It was entered on this machine.
     """
 
     text: str = ""
@@ -73,6 +78,10 @@ class LakeQuery:
     verdict: str = ""
     build: str = ""
     hashes: tuple[str, ...] = ()
+    verdicts: tuple[str, ...] = ()
+    judged: bool | None = None
+    folders: tuple[str, ...] | None = None
+    host: str = ""
 
 
 @dataclass(frozen=True)
@@ -114,7 +123,7 @@ class LakeItem:
 
 @dataclass(frozen=True)
 class LakePage:
-    """Some of what was found. count: of all; capped: whether there are more than that."""
+    """Some of what was found. count: of all, or as far as it was looked for; capped: whether there are more."""
 
     items: tuple[LakeItem, ...]
     count: int
@@ -145,26 +154,26 @@ def find_page(
     Raises InputError where the database cannot be used.
     """
     conditions = _conditions(query)
-    whole = _whole(query, sort)
-    column, falling = ITEM.c[sort], SORTS[sort]
+    column: ColumnElement[Any] = ITEM.c[sort]
+    falling = SORTS[sort]
     with catalog.connected() as connection:
-        sizes = [_size(connection, one) for one in conditions]
-        few = conditions and min(sizes) <= FEW
-        rarest = sizes.index(min(sizes)) if few else -1
-        tried = [c.gathered if k == rarest else c.tried for k, c in enumerate(conditions)]
-        found = select(ITEM.c.id).where(*whole, *tried)
-        counted = select(func.count()).select_from(
-            found.limit(FEW + 1).subquery() if tried else found.subquery()
-        )
-        count = int(connection.scalar(counted) or 0)
-        order = (
-            func.coalesce(column, 0.0 if sort == "risk" else "") if few else column
-        )  # no index of this order
-        orders = [o.desc() if falling else o for o in (order, ITEM.c.id)]
-        ids = connection.scalars(found.order_by(*orders).offset(first).limit(most)).all()
-        items = items_of(connection, ids)
-    capped = bool(tried) and count > FEW
-    return LakePage(tuple(items), min(count, FEW) if capped else count, capped)
+        few = [_is_few(connection, one) for one in conditions]
+        if any(few):
+            column = func.coalesce(column, 0.0 if sort == "risk" else "")  # its index is of no use
+        own = _whole(query, sort, _unindexed if any(few) else _as_it_is)
+        fits = [c.gathered if is_few else c.tried for c, is_few in zip(conditions, few, strict=True)]
+        orders = [o.desc() if falling else o for o in (column, ITEM.c.id)]
+        found = select(ITEM.c.id).where(*own, *fits)
+        if any(few):
+            every = connection.scalars(found.order_by(*orders)).all()
+            ids, count, more = every[first : first + most], len(every), False
+        else:
+            ids = connection.scalars(found.order_by(*orders).offset(first).limit(most + 1)).all()
+            capped = bool(conditions) or query.judged is not None
+            more = capped and len(ids) > most
+            ids = ids[:most]
+            count = first + len(ids) if capped else _count(connection, found)
+        return LakePage(tuple(items_of(connection, ids)), count, more)
 
 
 def items_of(connection: Connection, ids: Sequence[str]) -> list[LakeItem]:
@@ -175,19 +184,38 @@ def items_of(connection: Connection, ids: Sequence[str]) -> list[LakeItem]:
     for k in range(0, len(ids), AT_ONCE):
         some = ids[k : k + AT_ONCE]
         rows |= {row.id: row for row in connection.execute(select(*columns).where(ITEM.c.id.in_(some)))}
-        told = select(INPUT.c.item, INPUT.c.role, INPUT.c.name).where(
-            INPUT.c.item.in_(some), INPUT.c.role.in_(("build", "against", "map"))
-        )
+        told = select(INPUT.c.item, INPUT.c.role, INPUT.c.name).where(INPUT.c.item.in_(some))
         for item, role, name in connection.execute(told.order_by(INPUT.c.item, INPUT.c.row)):
             named.setdefault((item, role), []).append(name)
     return [
         LakeItem(
             **{**rows[i]._mapping, "counts": c if isinstance(c := rows[i].counts, dict) else {}},
-            builds=tuple(dict.fromkeys(named.get((i, "build"), ()))), against=tuple(named.get((i, "against"), ())),
-            maps=tuple(named.get((i, "map"), ())),
+            builds=tuple(dict.fromkeys(named.get((i, "build"), named.get((i, "drove"), ())))),
+            against=tuple(named.get((i, "against"), ())), maps=tuple(named.get((i, "map"), ())),
         )
         for i in ids if i in rows
     ]  # fmt: skip
+
+
+def items_with(catalog: Catalog, ids: Sequence[str]) -> list[LakeItem]:
+    """Give what has these ids, in this order; those that there are."""
+    with catalog.connected() as connection:
+        return items_of(connection, ids)
+
+
+def facts_of(catalog: Catalog, ids: Sequence[str], facet: str) -> dict[str, list[str]]:
+    """Give the names of the facts of one facet, by id."""
+    found: dict[str, list[str]] = {}
+    with catalog.connected() as connection:
+        rows = (
+            select(FACT.c.item, FACT.c.name, FACT.c.facet)
+            .where(FACT.c.item.in_(ids))
+            .order_by(FACT.c.item, FACT.c.row)
+        )
+        for item, name, its in connection.execute(rows):
+            if its == facet:
+                found.setdefault(item, []).append(name)
+    return found
 
 
 def with_content(catalog: Catalog, hashes: Iterable[str]) -> dict[str, list[LakeItem]]:
@@ -204,17 +232,38 @@ def with_content(catalog: Catalog, hashes: Iterable[str]) -> dict[str, list[Lake
     return found
 
 
-def _size(connection: Connection, one: _Condition) -> int:
-    return int(connection.scalar(select(func.count()).select_from(one.rows.limit(FEW + 1).subquery())) or 0)
+Columns = Callable[[ColumnElement[str]], ColumnElement[str]]
+"""Gives a column as it stands in a condition: itself where its index is to be used, else an expression of it."""
 
 
-def _whole(query: LakeQuery, sort: SortKey) -> list[ColumnElement[bool]]:
-    """Conditions that an index in the order of the page answers."""
+def _as_it_is(column: ColumnElement[str]) -> ColumnElement[str]:
+    return column
+
+
+def _unindexed(column: ColumnElement[str]) -> ColumnElement[str]:
+    return func.coalesce(column, "")
+
+
+def _is_few(connection: Connection, one: _Condition) -> bool:
+    return _count(connection, one.rows.limit(FEW + 1)) <= FEW
+
+
+def _count(connection: Connection, rows: CompoundSelect[Any] | Select[Any]) -> int:
+    return int(connection.scalar(select(func.count()).select_from(rows.subquery())) or 0)
+
+
+def _whole(query: LakeQuery, sort: SortKey, of: Columns) -> list[ColumnElement[bool]]:
+    """Conditions of the items alone, which an index in the order of the page answers."""
     whole: list[ColumnElement[bool]] = []
     if len(query.kinds) == 1:
-        whole.append(ITEM.c.kind == query.kinds[0])
+        whole.append(of(ITEM.c.kind) == query.kinds[0])
     elif query.kinds:
-        whole.append(ITEM.c.kind.in_(query.kinds))
+        whole.append(of(ITEM.c.kind).in_(query.kinds))
+    if query.host:
+        whole.append(ITEM.c.host == query.host)
+    if query.judged is not None:
+        told = exists().where(OUTCOME.c.hash == ITEM.c.digest)
+        whole.append(told if query.judged else ~told)
     if sort == "risk":
         whole.append(ITEM.c.risk.is_not(None))
     return whole
@@ -224,18 +273,10 @@ def _conditions(query: LakeQuery) -> list[_Condition]:
     found = [_word(word) for word in words_of(query.text)]
     if query.text.strip() and not found:
         found.append(_of_itself(ITEM.c.id == ""))  # nothing but signs: nothing is called so
-    for facet in ("tag", "maneuver", "weather", "finding"):
-        if text := getattr(query, facet).strip().lower():
-            its = and_(FACT.c.facet == facet, *begins(FACT.c.name, text), FACT.c.hash != "")
-            found.append(
-                _Condition(
-                    select(FACT.c.hash).where(its), _has(FACT.c.hash, its, ITEM.c.digest), ITEM.c.digest
-                )
-            )
-    for roles, text in ((("map",), query.place.strip()), (("build", "against"), query.build.strip())):
-        if text:
-            named = or_(and_(*begins(INPUT.c.name, text)), _digits(INPUT.c.hash, text))
-            found.append(_by_input(INPUT.c.role.in_(roles) & named))
+    facets = ("tag", "maneuver", "weather", "finding")
+    found += [_fact(f, text) for f in facets if (text := getattr(query, f).strip().lower())]
+    named = ((("map",), query.place.strip()), (("build", "against", "drove"), query.build.strip()))
+    found += [_named(roles, text) for roles, text in named if text]
     if query.risk_above is not None:
         found.append(_of_itself(ITEM.c.risk >= query.risk_above))
     if query.risk_below is not None:
@@ -243,20 +284,41 @@ def _conditions(query: LakeQuery) -> list[_Condition]:
     if query.verdict:
         found.append(_verdict(query.verdict))
     if query.hashes:
-        found.append(_by_input(INPUT.c.hash.in_(query.hashes)))
+        found.append(_by(INPUT.c.item, lambda of: of(INPUT.c.hash).in_(query.hashes)))
+    if query.verdicts:
+        found.append(_by(OUTCOME.c.hash, lambda of: of(OUTCOME.c.verdict).in_(query.verdicts), ITEM.c.digest))
+    if query.folders is not None:
+        found.append(_of_itself(ITEM.c.folder.in_(query.folders)))
     return found
 
 
-def _has(key: ColumnElement[Any], where: ColumnElement[bool], of: ColumnElement[Any]) -> ColumnElement[bool]:
-    return exists().where(key == of, where)
+def _by(
+    key: ColumnElement[str],
+    where: Callable[[Columns], ColumnElement[bool]],
+    of: ColumnElement[str] = ITEM.c.id,
+) -> _Condition:
+    """Found by rows of another table: gathered by the index of what is looked for, tried by that of the key alone."""
+    tried = exists().where(key == of, where(_unindexed))
+    return _Condition(select(key).where(where(_as_it_is)), tried, of)
 
 
 def _of_itself(where: ColumnElement[bool]) -> _Condition:
     return _Condition(select(ITEM.c.id).where(where), where)
 
 
-def _by_input(where: ColumnElement[bool]) -> _Condition:
-    return _Condition(select(INPUT.c.item).where(where), _has(INPUT.c.item, where, ITEM.c.id))
+def _fact(facet: str, text: str) -> _Condition:
+    def where(of: Columns) -> ColumnElement[bool]:
+        return and_(of(FACT.c.facet) == facet, *begins(of(FACT.c.name), text), FACT.c.hash != "")
+
+    return _by(FACT.c.hash, where, ITEM.c.digest)
+
+
+def _named(roles: tuple[str, ...], text: str) -> _Condition:
+    def where(of: Columns) -> ColumnElement[bool]:
+        named = or_(and_(*begins(of(INPUT.c.name), text)), _digits(of(INPUT.c.hash), text))
+        return of(INPUT.c.role).in_(roles) & named
+
+    return _by(INPUT.c.item, where)
 
 
 def _digits(column: ColumnElement[str], text: str) -> ColumnElement[bool]:
@@ -267,21 +329,19 @@ def _digits(column: ColumnElement[str], text: str) -> ColumnElement[bool]:
 
 
 def _word(word: str) -> _Condition:
-    begun, own, of = and_(*begins(WORD.c.word, word)), _digits(ITEM.c.id, word), _digits(INPUT.c.hash, word)
-    content = _digits(ITEM.c.digest, word)
-    every = union(
-        select(WORD.c.item).where(begun), select(ITEM.c.id).where(own), select(ITEM.c.id).where(content),
-        select(INPUT.c.item).where(of),
-    )  # fmt: skip
-    rows = every if of is not false() else select(WORD.c.item).where(begun)
-    return _Condition(
-        rows, or_(_has(WORD.c.item, begun, ITEM.c.id), own, content, _has(INPUT.c.item, of, ITEM.c.id))
-    )
+    begun = _by(WORD.c.item, lambda of: and_(*begins(of(WORD.c.word), word)))
+    if _digits(ITEM.c.id, word) is false():
+        return begun
+    own = or_(_digits(ITEM.c.id, word), _digits(ITEM.c.digest, word))
+    content = _by(INPUT.c.item, lambda of: _digits(of(INPUT.c.hash), word))
+    parts = (_digits(column, word) for column in (ITEM.c.id, ITEM.c.digest))
+    rows = union(begun.rows, content.rows, *(select(ITEM.c.id).where(part) for part in parts))
+    return _Condition(rows, or_(begun.tried, own, content.tried))
 
 
 def _verdict(verdict: str) -> _Condition:
     """Over all, or of any outcome; in any case."""
     known = next((v for v in VERDICTS if v.lower() == verdict.lower()), verdict)
-    own, its = ITEM.c.verdict == known, OUTCOME.c.verdict == known
-    rows = union(select(ITEM.c.id).where(own), select(OUTCOME.c.item).where(its))
-    return _Condition(rows, or_(own, _has(OUTCOME.c.item, its, ITEM.c.id)))
+    its = _by(OUTCOME.c.item, lambda of: of(OUTCOME.c.verdict) == known)
+    own = ITEM.c.verdict == known
+    return _Condition(union_all(select(ITEM.c.id).where(own), its.rows), or_(own, its.tried))

@@ -12,7 +12,7 @@ from sqlalchemy import and_, delete, or_, select
 
 from resim.core.errors import ResimError
 from resim.recordings.settings import SETTINGS
-from resim.results.catalog import Catalog, begins, drop, put, rate
+from resim.results.catalog import Catalog, begins, drop, put, rate, user_catalog
 from resim.results.database import inserting
 from resim.results.entry import KINDS, CatalogEntry, FileStamps, ItemKind, kind_of, stamps
 from resim.results.inputs import input_kind, read_input, refuse_nothing
@@ -21,7 +21,7 @@ from resim.results.tables import ITEM, ROOT
 
 DEEPEST = 12
 """Levels of folders that are looked into."""
-EACH = 200
+EACH = 25
 """Entries that are written at once."""
 ALWAYS: tuple[ItemKind, ...] = ("build", "criteria")
 """Read at every scan: the code that they name may have changed, wherever it is."""
@@ -79,6 +79,14 @@ def _refuse_unfinished(folder: Path) -> None:
             kind_of(folder)
 
 
+def add_roots(catalog: Catalog, roots: Sequence[Path]) -> None:
+    """Register paths, in which the next scan looks."""
+    rows = [{"path": os.path.realpath(root), "host": platform.node()} for root in roots]
+    if rows:
+        with catalog.changing() as connection:
+            connection.execute(inserting(connection, ROOT).values(rows).on_conflict_do_nothing())
+
+
 def roots_of(catalog: Catalog) -> list[Path]:
     """Give the registered paths of this machine, by name."""
     with catalog.connected() as connection:
@@ -105,10 +113,7 @@ def scan(catalog: Catalog, roots: Sequence[Path] = (), noted: Noted = lambda wha
 
     The same files give the same rows, whatever was known before.
     """
-    if roots:
-        with catalog.changing() as connection:
-            rows = [{"path": os.path.realpath(root), "host": platform.node()} for root in roots]
-            connection.execute(inserting(connection, ROOT).values(rows).on_conflict_do_nothing())
+    add_roots(catalog, roots)
     counts = {"seen": 0, "new": 0, "changed": 0, "gone": 0}
     absent = []
     for root in roots or roots_of(catalog):
@@ -119,6 +124,12 @@ def scan(catalog: Catalog, roots: Sequence[Path] = (), noted: Noted = lambda wha
         for what, count in _scan(catalog, whole, noted).items():
             counts[what] += count
     return ScanCounts(**counts, absent=tuple(absent))
+
+
+def scan_user_catalog(_: None) -> None:
+    """Look into all that is registered in the user's catalog: a task for a child process."""
+    if (catalog := user_catalog()) is not None:
+        scan(catalog)
 
 
 def is_up_to_date(catalog: Catalog) -> bool:

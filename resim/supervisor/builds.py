@@ -51,8 +51,12 @@ def known_builds(overview: CatalogOverview) -> list[KnownBuild]:
 
 
 def _known(one: UsedInput) -> KnownBuild:
-    name = hashlib.sha256(f"{one.name}\n{one.hash}".encode()).hexdigest()[:16]
-    return KnownBuild(name, one.name, one.hash, one.results)
+    return KnownBuild(build_id(one.name, one.hash), one.name, one.hash, one.results)
+
+
+def build_id(label: str, digest: str) -> str:
+    """Give the id of a build that results know."""
+    return hashlib.sha256(f"{label}\n{digest}".encode()).hexdigest()[:16]
 
 
 def pairs(overview: CatalogOverview, one: KnownBuild, other: KnownBuild) -> list[BuildPair]:

@@ -25,7 +25,8 @@ from sqlalchemy import (
 from resim.results.catalog import Catalog
 from resim.results.database import VERSION, address, engine
 from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
-from resim.results.overview import CatalogOverview, ResultQuery
+from resim.results.lake import LakeQuery, find_page
+from resim.results.overview import CatalogOverview
 from resim.results.queue import TaskQueue
 from resim.results.tables import METADATA, VERSIONS
 
@@ -121,9 +122,8 @@ def test_results_and_the_queue_of_the_first_version_are_all_there(database: str,
         }  # type: ignore[arg-type]
     else:
         assert TaskQueue(catalog).unfinished() == []
-    overview = CatalogOverview(catalog)
-    assert overview.page(ResultQuery("pilot cut"), 0, 9)[1] == 3
-    assert {o.verdict for o in overview.of_recordings(["ab" * 32])} == {"PASS"}
+    assert find_page(catalog, LakeQuery("pilot cut")).count == 3
+    assert {o.verdict for o in CatalogOverview(catalog).newest_of(["ab" * 32])} == {"PASS"}
     assert Catalog(database).find() == ENTRIES  # and the next one finds the version as it is
 
 
