@@ -56,7 +56,7 @@ def add(
         ),
     ],
 ) -> None:
-    """Register files and folders; nothing is copied. What lies in a folder is told by its content."""
+    """Register files and folders; nothing is copied. The content says what lies in a folder."""
     from resim.jobs.lake import lake_add
 
     _told(lake_add(paths, noted=_noted))

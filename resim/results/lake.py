@@ -39,7 +39,7 @@ ITEM_KINDS: tuple[ItemKind, ...] = tuple(
     kind for part in get_args(ItemKind) for kind in get_args(part) or (part,)
 )
 FEW = 10_000
-"""Rows that are gathered and sorted."""
+"""Rows that are gathered and sorted, for each filter."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,8 @@ def find_page(
     column: ColumnElement[Any] = ITEM.c[sort]
     falling = SORTS[sort]
     with catalog.connected() as connection:
-        few = [_is_few(connection, one) for one in conditions]
+        most_few = FEW * len(conditions)  # the more filters, the less likely it is that many fit all
+        few = [_count(connection, one.rows.limit(most_few + 1)) <= most_few for one in conditions]
         if any(few):
             column = func.coalesce(column, 0.0 if sort == "risk" else "")  # its index is of no use
         own = _whole(query, sort, _unindexed if any(few) else _as_it_is)
@@ -242,10 +243,6 @@ def _as_it_is(column: ColumnElement[str]) -> ColumnElement[str]:
 
 def _unindexed(column: ColumnElement[str]) -> ColumnElement[str]:
     return func.coalesce(column, "")
-
-
-def _is_few(connection: Connection, one: _Condition) -> bool:
-    return _count(connection, one.rows.limit(FEW + 1)) <= FEW
 
 
 def _count(connection: Connection, rows: CompoundSelect[Any] | Select[Any]) -> int:
