@@ -67,7 +67,7 @@ def rm(name: Name) -> None:
 
 
 def _users() -> Users:
-    from resim.results.tables import data_folder
+    from resim.results.database import data_folder
     from resim.supervisor.users import USERS, Users
 
     return Users(data_folder() / USERS)

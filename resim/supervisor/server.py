@@ -18,12 +18,12 @@ import uvicorn
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
+from resim.results.scanning import add_roots
 from resim.supervisor.access import Access, kept_key
 from resim.supervisor.app import make_app
 from resim.supervisor.forms import JobForm
 from resim.supervisor.guard import Door
 from resim.supervisor.parts import Supervisor, SupervisorSettings
-from resim.supervisor.places import RegisteredFolders
 from resim.supervisor.users import USERS, Role, Users
 
 Ready = Callable[[dict[Role, str], Path], None]
@@ -93,7 +93,9 @@ def serve(
     first, once somebody may come. Raises InputError for what cannot be used.
     """
     check_options(options)
-    folders = RegisteredFolders(options.folders)
+    for folder in options.folders:
+        if not folder.is_dir():
+            raise InputError(folder, "is no folder", "Register folders with recordings, builds, suites.")
     with _bound(options.host, options.port) as listening:
         port = listening.getsockname()[1]
         door = _door(options, port)
@@ -105,9 +107,9 @@ def serve(
         tasks = Path(os.path.realpath(options.tasks))
         tasks.mkdir(parents=True, exist_ok=True)
         audit = data / "audit.jsonl"
-        parts = SupervisorSettings(catalog, forms, folders, tasks, access, door, audit, options.jobs)
+        parts = SupervisorSettings(catalog, forms, tasks, access, door, audit, options.jobs)
         supervisor = Supervisor(parts)
-        supervisor.overview.version()  # a catalog that cannot be used is told of now
+        add_roots(catalog, options.folders)  # a catalog that cannot be used is told of now
         config = uvicorn.Config(
             make_app(supervisor), log_level="warning", access_log=False, server_header=False, proxy_headers=False,
             limit_concurrency=MOST_CONNECTIONS, timeout_keep_alive=10, timeout_graceful_shutdown=3, ws="none",

@@ -59,7 +59,7 @@ def test_pages_have_no_script_and_no_style_in_them(user: Any) -> None:
         "/jobs",
         "/jobs/run",
         "/tasks",
-        "/search?text=cut",
+        "/lake?text=cut",
     ):
         text = user.get(path).text
         assert "<script>" not in text
@@ -215,10 +215,10 @@ def test_a_body_that_does_not_say_its_size_is_cut_off(user: Any) -> None:
 
 @pytest.mark.parametrize("name", ["'><script>alert(1)</script>", "</title><b>x", '" onfocus="x'])
 def test_what_is_searched_for_is_never_markup(user: Any, name: str) -> None:
-    for path in ("/search", "/results", "/experiments", "/builds"):
+    for path in ("/lake", "/results", "/experiments", "/builds"):
         text = user.get(path, params={"text": name, "state": name, "kind": name, "verdict": name}).text
         assert name not in text
-    assert "Search: {{7*7}}" in user.get("/search", params={"text": "{{7*7}}"}).text
+    assert 'value="{{7*7}}"' in user.get("/lake", params={"text": "{{7*7}}"}).text
 
 
 def test_too_many_requests_and_streams_are_refused() -> None:
