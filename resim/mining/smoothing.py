@@ -20,7 +20,7 @@ LONGEST = 1.0
 """s to each side that a line reaches at most (our choice): a quarter of a lane change."""
 FINE, AVERAGED = 0.01, 0.5
 """Standard deviation (of the values' unit) to which values are averaged, and s to each side at most (our choice)."""
-BEYOND = 3.0
+BEYOND = 2.0
 """Standard deviations of an average beyond which it is below a limit, or above it again (our choice)."""
 FEWEST = 8
 """Samples of which noise can be told."""
@@ -43,6 +43,24 @@ def slope(t: Floats, values: Floats, piece: NDArray[np.integer], precision: floa
     return np.asarray(kernel.slopes(t - t[0], values, first, half))
 
 
+def shortening(t: Floats, values: Floats, piece: NDArray[np.integer], precision: float) -> Floats:
+    """Give by how much (K,) [s] a peak of slopes, as `slope` reads them, may last shorter than it did beyond a limit.
+
+    A line that reaches h to each side, at the edge of a peak, takes in as much of the peak as of what is beside it, so
+    that a slope well inside the limits before and after hides half of h at each edge. 0 of exact values.
+    """
+    if not len(t):
+        return np.zeros(0)
+    first = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [len(t)]])
+    lost = [
+        (half - 1) * float(np.median(np.diff(t[low:high]))) if half > 1 else 0.0
+        for half, low, high in zip(
+            half_widths(t, values, first, precision).tolist(), first[:-1], first[1:], strict=True
+        )
+    ]
+    return np.repeat(lost, np.diff(first))
+
+
 def half_widths(
     t: Floats, values: Floats, first: NDArray[np.integer], precision: float
 ) -> NDArray[np.integer]:
@@ -61,10 +79,10 @@ def half_widths(
     return half
 
 
-def below(t: Floats, values: Floats, piece: NDArray[np.integer]) -> Bools:
+def below(t: Floats, values: Floats, piece: NDArray[np.integer], fine: float = FINE) -> Bools:
     """Say in which samples (K,) values (K,) are below 0, noise apart: of exact ones just those that are.
 
-    Values are averaged, and are below 0 from where their average is surely so to where it surely is no more.
+    Values are averaged to a deviation of `fine`, and are below 0 from where their average is surely so to where it surely is no more.
     piece (K,): what belongs together, in order; values are finite in all of a piece, or in none, where they are never
     below.
     """
@@ -77,7 +95,7 @@ def below(t: Floats, values: Floats, piece: NDArray[np.integer]) -> Bools:
         if not np.isfinite(own[0]) or own.min() >= 0.0:
             continue
         if end - begin >= FEWEST:
-            mean, band = _averaged(own, float(np.median(np.diff(t[begin:end]))))
+            mean, band = _averaged(own, float(np.median(np.diff(t[begin:end]))), fine)
         else:
             mean, band = own, np.zeros(len(own))
         low[begin:end], sure[begin:end] = mean < band, mean < -band
@@ -92,10 +110,10 @@ def _noise(values: Floats) -> float:
     return NORMAL * float(np.median(np.abs(np.diff(values, 4)))) / float(np.sqrt(70.0))
 
 
-def _averaged(values: Floats, dt: float) -> tuple[Floats, Floats]:
-    """Averages (K,) of values (K,), `dt` [s] apart, to a deviation of FINE, and how far off (K,) each may be."""
+def _averaged(values: Floats, dt: float, fine: float) -> tuple[Floats, Floats]:
+    """Averages (K,) of values (K,), `dt` [s] apart, to a deviation of `fine`, and how far off (K,) each may be."""
     count, sigma = len(values), _noise(values)
-    half = min(int(np.ceil(0.5 * ((sigma / FINE) ** 2 - 1.0))), int(AVERAGED / dt), count)
+    half = min(int(np.ceil(0.5 * ((sigma / fine) ** 2 - 1.0))), int(AVERAGED / dt), count)
     k = np.arange(count)
     reach = np.minimum(max(half, 0), np.minimum(k, count - 1 - k))
     total = np.concatenate([[0.0], np.cumsum(values - values[0])])

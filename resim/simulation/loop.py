@@ -27,6 +27,7 @@ from resim.simulation.followed_height import FollowedHeight
 from resim.simulation.function.batch import PerceivedBatch
 from resim.simulation.function.driver import BatchDriver, Driver, cycle_steps, driver_of
 from resim.simulation.function.interface import EgoState, Placement, Setup
+from resim.simulation.live import live_states
 from resim.simulation.perception import PerceptionBatch, Worlds
 from resim.simulation.reactive.traffic import ReactiveTraffic
 from resim.simulation.traffic import Phase, Stage, staged
@@ -188,6 +189,7 @@ class ClosedLoop:
         begin, last, runs = plan.begin, len(plan.t) - 1, len(self.cases)
         dt = float(plan.t[1] - plan.t[0])
         guided = np.stack([plan.x, plan.y, plan.heading, plan.v, plan.a, plan.yaw_rate], axis=2)[0]
+        live = live_states(case, float(plan.t[last]))
         states: Floats | None = None
         answer: Floats | Placement = np.zeros((runs, 2))
         next_ego, heights = guided[0], self.heights()
@@ -210,7 +212,10 @@ class ClosedLoop:
                     states = self.settled(ego)
                 if (k - begin) % cycle == 0:
                     z = None if self.z is None else self.z[k]
-                    answer = yield perceive(worlds(k, ego, z)), k >= begin
+                    world = worlds(k, ego, z)
+                    if live is not None:
+                        live.show(world)
+                    answer = yield perceive(world), k >= begin
                 if k == last:
                     break
                 if self.reactive is not None and k >= begin:

@@ -15,7 +15,14 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    RedirectResponse,
+    Response,
+    StreamingResponse,
+)
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
@@ -27,6 +34,7 @@ from resim.supervisor.events import stream
 from resim.supervisor.forms import FormError
 from resim.supervisor.guard import DOCUMENT_POLICY, Guard
 from resim.supervisor.limits import StreamLimit
+from resim.supervisor.live import roads_around
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.runner import LOG
 
@@ -37,6 +45,7 @@ _STATIC = {
     "page.css": ("resim.report", "page.css", "text/css"),
     "supervisor.css": ("resim.supervisor", "static/supervisor.css", "text/css"),
     "supervisor.js": ("resim.supervisor", "static/supervisor.js", "text/javascript"),
+    "live.js": ("resim.supervisor", "static/live.js", "text/javascript"),
 }
 """What all pages look like: the look of the reports, and what the Supervisor has besides."""
 _TITLES = {401: "Not let in", 403: "Refused", 404: "There is no such page", 422: "This cannot be started"}
@@ -83,6 +92,7 @@ def make_app(supervisor: Supervisor) -> ASGIApp:
     routes = [
         Route("/static/{name}", _static, methods=["GET"]),
         Route("/events", _events(supervisor), methods=["GET"]),
+        Route("/live/{name}/roads", _roads(supervisor), methods=["GET"]),
         Route("/open/{kind}/{name}/{path:path}", _sealed(supervisor), methods=["GET"]),
         Route("/pages/{seal}/{kind}/{name}/{path:path}", _document(supervisor), methods=["GET"]),
         *(Route(path, _page(supervisor, page), methods=["GET"]) for path, page in views.PAGES.items()),
@@ -149,6 +159,14 @@ def _static(request: Request) -> Response:
     return Response(files(package).joinpath(name).read_text("utf-8"), media_type=kind)
 
 
+def _roads(supervisor: Supervisor) -> Callable[[Request], Response]:
+    def found(request: Request) -> Response:
+        task = views.task_of(supervisor, request.path_params["name"])
+        return JSONResponse(roads_around(Path(task.folder)))
+
+    return found
+
+
 def _sealed(supervisor: Supervisor) -> Callable[[Request], Response]:
     """Send a browser to a document, under an address that is good for a while and needs no cookie."""
 
@@ -191,10 +209,13 @@ def _missing(page: Callable[[Request], Response]) -> Callable[[Request], Respons
 
 def _events(supervisor: Supervisor) -> Callable[[Request], Any]:
     async def opened(request: Request) -> Response:
-        query, log = request.query_params, None
+        query, log, live = request.query_params, None, None
         if "task" in query:
             task = await run_in_threadpool(views.task_of, supervisor, query["task"].replace("\0", ""))
             log = Path(task.folder) / LOG
+        if "live" in query:
+            task = await run_in_threadpool(views.task_of, supervisor, query["live"].replace("\0", ""))
+            live = Path(task.folder)
         told = request.headers.get("last-event-id", query.get("from", "0"))
         start = int(told) if told.isascii() and told.isdigit() and len(told) < 16 else 0
         client = request.state.session
@@ -203,7 +224,7 @@ def _events(supervisor: Supervisor) -> Callable[[Request], Any]:
 
         async def sent() -> AsyncIterator[bytes]:
             try:
-                async for event in stream(supervisor, log, start):
+                async for event in stream(supervisor, log, start, live):
                     yield event
             finally:
                 STREAMS.leave(client)

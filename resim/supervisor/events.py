@@ -16,6 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from resim.core.errors import ResimError
 from resim.execution.workers import in_fresh_child
 from resim.results.scanning import is_up_to_date, scan_user_catalog
+from resim.supervisor.live import read_state
 
 if TYPE_CHECKING:
     from resim.supervisor.parts import Supervisor
@@ -27,8 +28,8 @@ SCAN = 20.0
 REST = 20.0
 WHOLE = 15
 """Every so many looks, builds are read again as well: the code that they name may have changed."""
-LOOK = 0.3
-"""s between two looks of a stream."""
+LOOK, LIVE_LOOK = 0.3, 0.04
+"""s between two looks of a stream; of one that follows a simulation."""
 LIFE = 900.0
 """s after which a stream ends; the browser opens another one."""
 SILENCE = 15.0
@@ -90,9 +91,13 @@ class Changes:
             self._ending.wait(max(SCAN, REST * (time.monotonic() - begin)))
 
 
-async def stream(supervisor: Supervisor, log: Path | None, start: int) -> AsyncIterator[bytes]:
-    """Give events: `changed` after every change, and `log` with what was appended to a file from `start` on."""
-    changes, count = supervisor.changes, supervisor.changes.count
+async def stream(
+    supervisor: Supervisor, log: Path | None, start: int, live: Path | None = None
+) -> AsyncIterator[bytes]:
+    """Give events: `changed` after every change, `log` with what was appended to a file from `start` on, and `state`
+    with each state of the simulation of a task, whose folder is `live`.
+    """
+    changes, count, seen = supervisor.changes, supervisor.changes.count, 0
     begin = told = time.monotonic()
     yield b"retry: 2000\n\n"
     while not changes.ended and time.monotonic() < begin + LIFE:
@@ -101,13 +106,18 @@ async def stream(supervisor: Supervisor, log: Path | None, start: int) -> AsyncI
             if text:
                 told = time.monotonic()
                 yield f"event: log\nid: {start}\ndata: {json.dumps(text)}\n\n".encode()
+        if live is not None:
+            state, seen = read_state(live, seen)
+            if state is not None:
+                told = time.monotonic()
+                yield f"event: state\ndata: {json.dumps(state)}\n\n".encode()
         if changes.count != count:
             count, told = changes.count, time.monotonic()
             yield b"event: changed\ndata: {}\n\n"
         if time.monotonic() > told + SILENCE:
             told = time.monotonic()
             yield b"event: tick\ndata: {}\n\n"
-        await asyncio.sleep(LOOK)
+        await asyncio.sleep(LOOK if live is None else LIVE_LOOK)
 
 
 def read_log(path: Path, start: int) -> tuple[str, int]:

@@ -16,9 +16,12 @@ import sys
 import time
 from pathlib import Path
 
+from resim.core.watched import LIVE_VARIABLE
 from resim.supervisor.processes import process_name, read_whole, write_whole
 
 LOG, TASK_FILE, BEGUN, EXIT, LOCK = "log.txt", "task.json", "begun.json", "exit.json", "lock"
+LIVE = "live.json"
+"""What the latest simulation of the command does now, while it runs (`resim.simulation.live`)."""
 PATIENCE = 10.0
 """s that a command has to end after it was asked to."""
 _WITH_PARENT = 1
@@ -37,7 +40,9 @@ def run(folder: Path) -> int:
     if int(read_whole(folder / BEGUN).get("attempt", 0)) >= attempt:
         return 75
     write_whole(folder / BEGUN, {"attempt": attempt, "process": process_name(), "began": time.time()})
+    (folder / LIVE).unlink(missing_ok=True)
     code = _call(folder, told["words"], attempt)
+    (folder / LIVE).unlink(missing_ok=True)
     write_whole(folder / EXIT, {"attempt": attempt, "code": code, "ended": time.time()})
     return 0
 
@@ -52,8 +57,9 @@ def _call(folder: Path, words: list[str], attempt: int) -> int:
         log.write(f"$ resim {' '.join(words)}{again}\n".encode(errors="replace"))
         command = [sys.executable, "-P", "-m", "resim", *words]
         child = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=folder, preexec_fn=_end_with_parent
-        )
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=folder, preexec_fn=_end_with_parent,
+            env={**os.environ, LIVE_VARIABLE: str(folder / LIVE)},
+        )  # fmt: skip
         asked = 0.0
         while True:
             try:

@@ -311,6 +311,17 @@ def task(supervisor: Supervisor, request: Request) -> Told:
     }  # fmt: skip
 
 
+def live(supervisor: Supervisor, request: Request) -> Told:
+    """A task that simulates, as it does; what else runs, and what waits."""
+    unfinished = supervisor.queue.unfinished()
+    running = [t for t in unfinished if t.state == "running"]
+    asked = _text(request, "task")
+    one = task_of(supervisor, asked) if asked else next(iter(running), None)
+    return "live.html", {
+        "one": one, "running": running, "waiting": [t for t in unfinished if t.state == "waiting"],
+    }  # fmt: skip
+
+
 def jobs(supervisor: Supervisor, request: Request) -> Told:
     """All jobs that can be started."""
     return "jobs.html", {"forms": supervisor.settings.forms}
@@ -413,6 +424,7 @@ PAGES: Mapping[str, Callable[[Supervisor, Request], Told]] = {
     "/results/{name}": result,
     "/tasks": tasks,
     "/tasks/{name}": task,
+    "/live": live,
     "/jobs": jobs,
     "/jobs/{name}": job,
     "/lake": lake,

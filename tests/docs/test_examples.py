@@ -42,6 +42,7 @@ from resim.simulation.function.interface import (
 from resim.simulation.naturalistic.settings import read_naturalistic
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.sweeps.engines import ENGINES, what_differs
+from resim.sweeps.file import read_sweep
 from resim.sweeps.one_run import prepare_sweep, run_together
 from resim.verification.suite import read_suite
 
@@ -72,6 +73,7 @@ RUN_HERE = {
     "mapping.toml",
     "mine.toml",
     "neighbours.toml",
+    "variations.toml",
     "space.toml",
     "ego.toml",
 }
@@ -503,3 +505,17 @@ def test_the_settings_of_variations_are_read(tmp_path: Path) -> None:
     path.write_text(example(ROOT / "docs" / "formats" / "variation.md", path.name), encoding="utf-8")
     found = read_variation_settings(path)
     assert ([one.name for one in found.vehicle], found.box, found.limits.braking) == (["van"], 0.005, 9.0)
+
+
+def test_the_sweep_over_variations_of_the_tutorial_is_read(tmp_path: Path) -> None:
+    for name in ("adfunc", "scenarios"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    path = tmp_path / "variations.toml"
+    text = example(ROOT / "docs" / "tutorials" / "space.md", path.name)
+    assert 'verified = "out/verified/verification.json"' in text
+    drive = str(ROOT / "scenarios" / "cut_in_brake")
+    text = text.replace("verified =", "# verified =").replace("out/mined_drives/recordings/000+194+1", drive)
+    path.write_text(text, encoding="utf-8")
+    found = read_sweep(path)
+    assert found.file.parameter[0].levels().tolist() == [float(n) for n in range(51)]
+    assert found.file.variation is not None

@@ -15,7 +15,23 @@ from resim.results.queue import TaskQueue, new_id
 from resim.supervisor.processes import is_alive, read_whole
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("/", "/experiments", "/builds", "/results", "/jobs", "/jobs/run", "/tasks", "/lake?text=cut")
+COLORS_OF_CANVAS = """() => {
+  const canvas = document.querySelector(".live canvas"), seen = new Set();
+  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  for (let k = 0; k < data.length; k += 4) seen.add(data.slice(k, k + 4).join());
+  return seen.size > 3;
+}"""
+PAGES = (
+    "/",
+    "/experiments",
+    "/builds",
+    "/results",
+    "/jobs",
+    "/jobs/run",
+    "/tasks",
+    "/live",
+    "/lake?text=cut",
+)
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +150,27 @@ def test_a_task_is_cancelled_by_one_and_seen_by_another(
     begun = [read_whole(path) for path in (tmp_path / "tasks").glob("*/begun.json")]
     assert [b["attempt"] for b in begun] == [2]
     waited(lambda: not is_alive(begun[0]["process"]))
+
+
+def test_a_simulation_is_seen_as_it_runs(opened: Callable[..., Any], served: Callable[..., Any]) -> None:
+    _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
+    page = opened(address, token, viewport={"width": 1280, "height": 900})
+    page.goto(f"{address}/live")
+    assert "Nothing runs" in page.inner_text("main")
+    wait_for_scan(page, address)
+    page.goto(f"{address}/jobs/verify")
+    page.select_option("#f-suite", label="highway – scenarios/suites")
+    page.select_option("#f-build", label="highway_pilot-1.0 – adfunc/builds")
+    page.click("text=Start >> nth=-1")
+    page.click("a:text-is('Watch it')")
+    page.wait_for_url("**/live?task=*")
+    page.locator("#live-state", has_text="highway_pilot-1.0, seed 0 · EGO").wait_for()
+    page.wait_for_function(COLORS_OF_CANVAS)  # of road, EGO and objects
+    moved = page.inner_text("#live-state")
+    page.wait_for_function("then => document.getElementById('live-state').innerText !== then", arg=moved)
+    page.click("#farther")
+    page.locator("main button:has-text('Cancel')").click()
+    page.locator(".badge", has_text="cancelled").first.wait_for()
 
 
 EVIL = """<!DOCTYPE html><title>waiting</title><script>(async () => {

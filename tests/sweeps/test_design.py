@@ -116,3 +116,9 @@ def test_a_point_that_is_there_again_has_seeds_of_its_own() -> None:
     assert len(np.unique(seeds)) == seeds.size
     assert np.array_equal(seeds[:2], _seeds(points[:2], 3))
     assert np.array_equal(_seeds(points[[1, 0]], 3), seeds[[1, 0]])
+
+
+@pytest.mark.parametrize("most", range(1, 200))
+def test_levels_of_whole_numbers_are_whole(most: int) -> None:
+    number = SweepParameter(name="variation.number", low=0.0, high=float(most), steps=most + 1)
+    np.testing.assert_array_equal(number.levels(), np.arange(most + 1))

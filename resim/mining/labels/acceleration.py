@@ -6,10 +6,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from resim.mining.features import Features
+from resim.core.geometry import Floats
+from resim.mining.features import ALONG_PRECISION, Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings
+from resim.mining.smoothing import shortening
 
 BRAKING, ACCELERATION = "strong_braking", "strong_acceleration"
 
@@ -20,12 +22,15 @@ def find(
     """Find who brakes or accelerates strongly."""
     rules, samples = settings.acceleration, features.samples
     wanted = samples.kinds(frozenset(settings.kinds))
+    shortest: float | Floats = rules.shortest
+    if samples.tracks.a is None:
+        shortest = rules.shortest - shortening(samples.t, samples.v, samples.piece_of, ALONG_PRECISION)
     for label, excess in (
         (BRAKING, rules.braking - features.a),
         (ACCELERATION, features.a - rules.acceleration),
     ):
         first, last = stretches((excess > 0.0) & wanted, samples.piece_of)
-        for start, end in joined(first, last, samples.t, samples.piece_of, rules.join, rules.shortest):
+        for start, end in joined(first, last, samples.t, samples.piece_of, rules.join, shortest):
             peak = start + int(np.nanargmax(excess[start : end + 1]))
             figures = {
                 "a_mps2": float(features.a[peak]), "v_start_mps": float(samples.v[start]),

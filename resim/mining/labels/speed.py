@@ -1,7 +1,7 @@
 """Speeding and standing (Kaefer 2022, 4.5.6.5 and 4.5.6.6).
 
 Readings taken: strictly above the limit, noise of the speed apart; without a limit nothing is judged. Standing is a
-speed of 0 there, which measured speeds never have: here up to a threshold, either way.
+speed of 0 there, which measured speeds never have: here up to a threshold, either way, noise apart as well.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from resim.mining.settings import MiningSettings
 from resim.mining.smoothing import below
 
 SPEEDING, STANDING = "speeding", "standing"
+FINE_STANDING = 0.03
+"""m/s: deviation to which speeds are averaged that are held against that of standing (our choice)."""
 
 
 def find_speeding(
@@ -45,7 +47,11 @@ def find_standing(
 ) -> Iterator[LabelledManeuver]:
     """Find who stands."""
     rules, samples = settings.standing, features.samples
-    holds = (np.abs(samples.v) <= rules.speed) & samples.kinds(frozenset(settings.kinds))
+    highest = np.nextafter(rules.speed, np.inf)  # up to it
+    slow = [
+        below(samples.t, way * samples.v - highest, samples.piece_of, FINE_STANDING) for way in (1.0, -1.0)
+    ]
+    holds = slow[0] & slow[1] & samples.kinds(frozenset(settings.kinds))
     first, last = stretches(holds, samples.piece_of)
     for start, end in joined(first, last, samples.t, samples.piece_of, rules.join, rules.shortest):
         figures = {"duration_s": float(samples.t[end] - samples.t[start])}

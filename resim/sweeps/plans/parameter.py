@@ -77,7 +77,12 @@ class SweepParameter(BaseModel):
         """Give the values of a grid, or one at a time."""
         if self.values:
             return np.array(self.values)
-        return self.at((np.arange(self.steps)) / (self.steps - 1.0))
+        k = np.arange(self.steps)
+        if self.mean is None:  # multiplied first: whole numbers stay whole
+            return np.asarray(
+                float(self.low or 0.0) + (float(self.high or 0.0) - float(self.low or 0.0)) * k / k[-1]
+            )
+        return self.at(k / k[-1])
 
     def middle(self) -> float:
         """Give the value at which the others are varied."""
