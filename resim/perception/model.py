@@ -248,10 +248,11 @@ class TrainedParameter(ParameterGroup):
 
 
 class FailedAssumption(ParameterGroup):
-    """One assumption that fails: of errors of a quantity, their `bias` or `spread` (which depend on something that the
-    model leaves out), `tails`, `white` (how they vary in time), `together` (objects in one list are independent) or
-    `latency` (one for all); of detection the share of time in which objects are `detected`; or the `places` of false
-    objects. size: what it costs, in the unit; p: how likely by chance; text: the same in words."""
+    """One assumption that fails: of errors of a quantity, their `bias` or `spread` (which depend `on` something that
+    the model leaves out; on `range_bend` or `bearing_side`: beyond a straight line), `tails`, `white` (how they vary in
+    time), `together` (objects in one list are independent) or `latency` (one for all); of detection the share of time
+    in which objects are `detected`; or the `places` of false objects. size: what it costs, in the unit; p: how likely
+    by chance; text: the same in words."""
 
     quantity: Quantity | Literal["detection", "false objects"]
     assumption: Assumption

@@ -1,5 +1,5 @@
 """What of a catalog follows from no files, and is lost with it: the queue and the registered paths; with the audit
-trail and the key of the Supervisor's tokens, kept in one file."""
+trail, the users and the key of the Supervisor's cookies, kept in one file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from resim.results.database import VERSION
 from resim.results.tables import ROOT, TASK
 
 STATE = (ROOT, TASK)
-OWN = ("audit.jsonl", "serve.key")
+OWN = ("audit.jsonl", "serve.key", "users.json")
 """Files beside the catalog that are state, too."""
 _TABLES, _LARGEST = "tables.json", 1_000_000_000
 
@@ -45,6 +45,7 @@ def back_up(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
     except FileExistsError:
         raise InputError(file, "is there already", "Name a new file.") from None
     except OSError as e:
+        file.unlink(missing_ok=True)  # half of it
         raise InputError(file, f"cannot be written: {e.strerror}", "Name another file.") from e
     return counts
 

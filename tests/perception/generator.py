@@ -106,7 +106,8 @@ class Beyond:
     first, and then found with this probability a list, within 60 m, and kept; confirmed: within 60 m for so long [s]
     before they are seen. drive: offsets by quantity that all objects of a drive share, normal of this standard
     deviation from drive to drive. weather: standard deviation of the logarithm of a factor of every spread from drive
-    to drive. blind: nobody is seen for 0.8 s, so often [1/s]."""
+    to drive. blind: nobody is seen for 0.8 s, so often [1/s]. bend: by quantity, an error that grows with the square of
+    range, of so much at 120 m. side: by quantity, an error of so much more on the left than on the right."""
 
     tails: float = 0.0
     late: float = 0.0
@@ -119,6 +120,8 @@ class Beyond:
     drive: tuple[tuple[str, float], ...] = ()
     weather: float = 0.0
     blind: float = 0.0
+    bend: tuple[tuple[str, float], ...] = ()
+    side: tuple[tuple[str, float], ...] = ()
 
     def finds(self, r: Floats, dt: float, rng: np.random.Generator) -> np.ndarray:
         """Which object is seen when (N, K), by how far it is."""
@@ -146,10 +149,13 @@ class Beyond:
             return rng.standard_normal(shape)
         return rng.standard_t(self.tails, shape) * np.sqrt(1.0 - 2.0 / self.tails)
 
-    def offsets(self, v: Floats, a: Floats, rng: np.random.Generator) -> dict[str, Floats]:
-        """Errors (N, K) by quantity, of true speeds and accelerations."""
+    def offsets(self, v: Floats, f: Floats, rng: np.random.Generator) -> dict[str, Floats]:
+        """Errors (N, K) by quantity, of true speeds and features (4, N, K)."""
+        r, b, _, a = f
         out = {name: offset * (a < -1.0) for name, offset in self.braking}
         out |= {name: np.full_like(v, spread * rng.standard_normal()) for name, spread in self.drive}
+        out |= {name: size * (r / 120.0) ** 2 for name, size in self.bend}
+        out |= {name: size * (b > 0.0) for name, size in self.side}
         out["speed"] = out.get("speed", 0.0) + self.scale * v
         return out
 
@@ -235,7 +241,7 @@ def make_recording(
     coupling = np.eye(6) if model.errors.coupling is None else np.array(model.errors.coupling)
     z = wander(np.array([e.correlation_time for e in each]), coupling, x.shape, dt, rng)
     w = beyond.white((6, *x.shape), rng)
-    offsets = beyond.offsets(v, a, rng)
+    offsets = beyond.offsets(v, f, rng)
     level = beyond.level * (np.exp(beyond.weather * rng.standard_normal()) if beyond.weather else 1.0)
     errors = [
         response(e.bias, f)

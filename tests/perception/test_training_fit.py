@@ -92,6 +92,43 @@ def test_a_bias_while_braking_is_not_taken_for_latency_without_a_word() -> None:
     assert abs(late - 0.4) < 0.5 * (model.latency.speed - 0.4)
 
 
+@pytest.mark.parametrize("at_120", [8.0, 2.0])
+def test_an_error_that_bends_with_range_is_told_with_how_far_it_is_off_a_line(at_120: float) -> None:
+    """Held against a parabola's distance to a straight line through the same ranges, at the ends of 90 % of them."""
+    made = drives(PROPER, 4, 10, rate=10.0)
+    ranges = np.concatenate(
+        [np.hypot(*(c[1:] - c[0] for c in (r.gt.x, r.gt.y))).ravel() for r in made if r.gt is not None]
+    )
+    ends = np.quantile(ranges, (0.05, 0.95))
+    off = at_120 * (ends / 120.0) ** 2 - np.polyval(
+        np.polyfit(ranges, at_120 * (ranges / 120.0) ** 2, 1), ends
+    )
+    _, fit = fit_of(Beyond(bend=(("longitudinal", at_120),)), seed=4)
+    found = told(fit, "longitudinal", "bias", "range_bend")
+    assert (found.size, found.unit) == (pytest.approx(np.max(np.abs(off)), rel=0.2), "m")
+    assert found.text.startswith("longitudinal error bends with range: off a straight line by +")
+    near, far = (end.split() for end in found.text.rpartition(" by ")[2].split(" and "))
+    assert [float(near[0]), float(far[0])] == pytest.approx(off, rel=0.2)
+    assert [float(near[3]), float(far[3])] == pytest.approx(ends, abs=3.0)
+
+
+@pytest.mark.parametrize(("seed", "quantity", "jump"), [(3, "lateral", 0.5), (4, "speed", -0.6)])
+def test_an_error_that_jumps_from_side_to_side_is_told(seed: int, quantity: str, jump: float) -> None:
+    found = told(fit_of(Beyond(side=((quantity, jump),)), seed=seed)[1], quantity, "bias", "bearing_side")
+    assert found.size == pytest.approx(abs(jump), rel=0.2)
+    assert f"{quantity} error jumps between the sides: {'+' if jump > 0 else '-'}" in found.text
+    assert found.text.endswith("on the left against the right")
+
+
+def test_errors_along_straight_lines_by_range_and_bearing_are_no_bend_and_no_jump() -> None:
+    lines = Error(bias=Response(constant=0.5, range=0.03, bearing=0.5), noise=Spread(constant=0.15))
+    model = PROPER.model_copy(update={"errors": PROPER.errors.model_copy(update={"longitudinal": lines})})
+    found = train(drives(model, 3, 10, rate=10.0), name="lines").training
+    assert found is not None
+    assert found.fit is not None
+    assert found.fit.misfits == ()
+
+
 @pytest.mark.parametrize(("quantity", "spread"), [("longitudinal", 0.6), ("speed", 1.0)])
 def test_an_offset_that_all_objects_of_a_drive_share_is_told(quantity: str, spread: float) -> None:
     found = told(fit_of(Beyond(drive=((quantity, spread),)), 20)[1], quantity, "together", "one drive")

@@ -12,7 +12,7 @@ from resim.perception.model import Assumption, FailedAssumption, Quantity
 from resim.perception.parameters import PER, UNITS
 from resim.perception.training.clusters import FEWEST
 from resim.perception.training.errors import NEGLIGIBLE
-from resim.perception.training.residuals import Regression, Residuals
+from resim.perception.training.residuals import BEYOND, Regression, Residuals
 from resim.perception.training.single import LEAST_LATE, LEAST_SHARE
 
 WORDS = {
@@ -39,7 +39,9 @@ class Dependence:
         out = {}
         for name in self.regression.names:
             known = any(name.startswith("braking") and b.startswith("braking") for b in base)
-            if known or name in base or (found := self.regression.judged(base, name)) is None:
+            lines = [BEYOND[n] for n in (*base, name) if n in BEYOND]
+            under = list(dict.fromkeys(n for n in (*base, *lines) if n != name))
+            if known or name in base or (found := self.regression.judged(under, name)) is None:
                 continue
             z = found[0][-1] / found[1][-1]
             varies = self.spread and name == "latency"
@@ -83,25 +85,43 @@ class Dependence:
         self, name: str, base: Sequence[str], found: Floats, se: Floats
     ) -> tuple[float, str, str] | None:
         """Give size, unit and words of a dependence of the mean."""
-        own, slope = UNITS[self.quantity], float(found[-1])
-        low, high = self.span(name)
-        size = abs(slope) * (high - low)
+        own = UNITS[self.quantity]
+        size, text = self.in_words(name, float(found[-1]))
         if size < NEGLIGIBLE[self.quantity]:
             return None
-        if name.startswith("braking"):
-            text = f"{self.quantity} error is off by {slope:+.3g} {own} while an object brakes"
-        else:
-            per = PER[own, OF[name]] if (own, OF[name]) in PER else f"{own}/{OF[name]}"
-            scale = f" ({slope:+.1%})" if name == "speed" == self.quantity else ""
-            text = (
-                f"{self.quantity} error depends on {WORDS[name]}: {slope:+.3g} {per}{scale}, {size:.3g} {own} between "
-                f"{low:.3g} and {high:.3g} {OF[name]}"
-            )
         at = list(base).index("latency") if "latency" in base else None
         if at is not None and abs(found[at]) > max(3.0 * se[at], 0.01):
             late = self.r.fitted.aligned.late
             text += f"; mistaken for latency: {late + found[at]:.3g} s instead of {late:.3g} s"
         return size, own, text
+
+    def in_words(self, name: str, slope: float) -> tuple[float, str]:
+        """Give how far a dependence of the mean moves errors, and say so."""
+        own, error = UNITS[self.quantity], f"{self.quantity} error"
+        if name == "range_bend":
+            ends = self.off_line(slope)
+            off_line = " and ".join(f"{off:+.3g} {own} at {at:.3g} m" for at, off in ends)
+            text = f"{error} bends with range: off a straight line by {off_line}"
+            return max(abs(off) for _, off in ends), text
+        if name == "bearing_side":
+            text = f"{error} jumps between the sides: {slope:+.3g} {own} on the left against the right"
+            return abs(slope), text
+        low, high = self.span(name)
+        size = abs(slope) * (high - low)
+        if name.startswith("braking"):
+            return size, f"{error} is off by {slope:+.3g} {own} while an object brakes"
+        per = PER[own, OF[name]] if (own, OF[name]) in PER else f"{own}/{OF[name]}"
+        scale = f" ({slope:+.1%})" if name == "speed" == self.quantity else ""
+        return size, (
+            f"{error} depends on {WORDS[name]}: {slope:+.3g} {per}{scale}, {size:.3g} {own} between {low:.3g} and "
+            f"{high:.3g} {OF[name]}"
+        )
+
+    def off_line(self, bend: float) -> list[tuple[float, float]]:
+        """Give how far an error that bends is off its line at the ends of the ranges: range [m] and error."""
+        ranges, off = (self.values(name)[self.r.known] for name in ("range", "range_bend"))
+        ends = [int(np.argmin(np.abs(ranges - end))) for end in self.span("range")]
+        return [(float(ranges[k]), bend * float(off[k])) for k in ends]
 
     def of_spread(self, name: str, slope: float) -> tuple[float, str, str] | None:
         """Give size, unit and words of a dependence of the spread."""

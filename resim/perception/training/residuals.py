@@ -21,6 +21,8 @@ from resim.scenario.maneuvers import SEEN_BRAKING
 _D_LATE = 0.01  # s, step of a derivative
 EARLIER = (-0.3, -0.2, -0.1, 0.1, 0.2, 0.3)
 """Times [s] by which the latency of speed may be off where braking was taken for one."""
+BEYOND = {"range_bend": "range", "bearing_side": "bearing"}
+"""What is looked for beyond a straight line, by the feature of the line."""
 LEAST_OWN = 0.02
 """Share of a variable that others must not explain for its effect to be told from theirs."""
 
@@ -96,11 +98,21 @@ def variables(samples: TrainingSamples, objects: ObjectErrors) -> dict[str, Floa
     begin = np.array([np.nanmin(samples.t[samples.drive == d]) for d in samples.drive.tolist()])
     return {
         **{name: features[..., k] for k, name in enumerate(FEATURES)},
+        **_beyond_lines(features),
         "speed": samples.speeds(late, objects.averaging.speed),
         "ego_speed": samples.ego[3],
         "braking": np.where(features[..., 3] < SEEN_BRAKING, 1.0, 0.0),
         "time": samples.t - begin[:, None],
     }
+
+
+def _beyond_lines(features: Floats) -> dict[str, Floats]:
+    """Give what a straight line by a feature leaves out (R, T): of range, how far its square is off the line that is
+    nearest to it [m²]; of bearing, on which side it is, half in front of the other."""
+    off = features[..., 0] - np.nanmean(features[..., 0])
+    variance = np.nanmean(off**2)
+    line = variance + np.nanmean(off**3) / max(variance, 1e-9) * off
+    return {"range_bend": off**2 - line, "bearing_side": 0.5 * np.sign(features[..., 1])}
 
 
 def _braking(samples: TrainingSamples, late: float) -> dict[str, Floats]:
@@ -181,7 +193,9 @@ def of_spread(r: Residuals, objects: ObjectErrors) -> tuple[Regression, list[str
     errors are squared where the latency changes."""
     sizes = sizes_of(objects.features)
     columns = {
-        n: v for n, v in r.raw.items() if n not in ("averaging", *FEATURES) and not n.startswith("braking")
+        n: v
+        for n, v in r.raw.items()
+        if n not in ("averaging", *FEATURES, *BEYOND) and not n.startswith("braking")
     }
     columns |= {"braking": r.raw["braking"]}
     columns |= {name: sizes[..., k] for k, name in enumerate(FEATURES)}
