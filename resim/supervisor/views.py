@@ -29,6 +29,7 @@ from resim.results.reading import VERDICTS
 from resim.results.scanning import is_utf8, roots_of
 from resim.supervisor import documents
 from resim.supervisor.builds import KnownBuild, build_id, known_builds, pairs
+from resim.supervisor.coverage import newest_coverage
 from resim.supervisor.events import read_log
 from resim.supervisor.experiments import STEPS
 from resim.supervisor.forms import FormField
@@ -40,7 +41,7 @@ EACH = 50
 """Rows of a page."""
 MOST_OUTCOMES = 500
 MOST_OPTIONS = 1_000
-LATEST = 8
+LATEST, LATEST_SPACES = 8, 3
 RESULTS = tuple(KINDS)
 Told = tuple[str, dict[str, Any]]
 
@@ -136,6 +137,7 @@ def dashboard(supervisor: Supervisor, request: Request) -> Told:
         "results": newest.count,
         "recordings": find_page(supervisor.catalog, LakeQuery(kinds=("recording",)), most=1).count,
         "jobs": supervisor.settings.jobs,
+        "spaces": newest_coverage(supervisor.catalog, LATEST_SPACES),
     }
 
 
