@@ -20,12 +20,14 @@ from resim.core.errors import InputError
 from resim.results.catalog import Catalog
 from resim.results.tables import TASK
 
-TaskState = Literal["waiting", "running", "done", "bad", "failed", "cancelled", "lost"]
-"""done: the command ended with 0; bad: with 1, a verdict is bad; failed: with anything else; lost: its process was
-killed too often to begin it once more."""
+TaskState = Literal["waiting", "running", "paused", "done", "bad", "failed", "cancelled", "lost"]
+"""paused: it waits until somebody lets it go on; done: the command ended with 0; bad: with 1, a verdict is bad; failed:
+with anything else; lost: its process was killed too often to begin it once more."""
 ENDED: tuple[TaskState, ...] = ("done", "bad", "failed", "cancelled", "lost")
 SILENT = 60.0
 """s without a word of a server after which another one takes its tasks over."""
+PAUSING = "it is being stopped, to go on later"
+"""What is told of a task that runs and is to pause."""
 MOST_LOSSES = 2
 """How often a task begins anew by itself after its process was killed."""
 
@@ -61,6 +63,11 @@ class QueuedTask:
     code: int | None
     told: str
     changed: float
+
+    @property
+    def is_pausing(self) -> bool:
+        """Whether it is being stopped to go on later."""
+        return self.stop and self.told == PAUSING
 
     @property
     def call(self) -> tuple[str, ...]:
@@ -106,9 +113,10 @@ class TaskQueue:
         return _task(row)
 
     def unfinished(self) -> list[QueuedTask]:
-        """Give all that run, then all that wait, each in the order in which they come."""
+        """Give all that pause, then all that run, then all that wait, each in the order in which they come."""
         order = (TASK.c.state, TASK.c.priority.desc(), TASK.c.place)
-        return self._tasks(select(TASK).where(TASK.c.state.in_(("running", "waiting"))).order_by(*order))
+        states = ("paused", "running", "waiting")
+        return self._tasks(select(TASK).where(TASK.c.state.in_(states)).order_by(*order))
 
     def ended(self, first: int, most: int, *, bad: bool = False) -> list[QueuedTask]:
         """Give those that ended, the latest first, from number `first` on; bad: those alone that did not end well."""
@@ -133,8 +141,20 @@ class TaskQueue:
     def cancel(self, name: str) -> bool:
         """End a task that waits; ask the server of one that runs to stop it. Says whether there was anything to do."""
         now = time.time()
-        waiting = self._change(name, ("waiting",), state="cancelled", ended=now)
-        return waiting or self._change(name, ("running",), stop=True)
+        waiting = self._change(name, ("waiting", "paused"), state="cancelled", ended=now)
+        return waiting or self._change(name, ("running",), stop=True, told="")
+
+    def pause(self, name: str) -> bool:
+        """Let a task that waits wait until it is resumed; ask the server of one that runs to stop it until then.
+
+        Says whether there was anything to do. What a stopped command had finished is kept if it can resume.
+        """
+        waiting = self._change(name, ("waiting",), state="paused")
+        return waiting or self._change(name, ("running",), TASK.c.stop.is_(False), stop=True, told=PAUSING)
+
+    def resume(self, name: str) -> bool:
+        """Let a task that pauses wait again, at its place. Says whether it paused."""
+        return self._change(name, ("paused",), state="waiting")
 
     def retry(self, name: str) -> bool:
         """Let a task that ended wait again, behind all others. Says whether it was one."""
@@ -225,6 +245,10 @@ class TaskQueue:
     def end(self, task: QueuedTask, state: TaskState, *, code: int | None = None, told: str = "") -> bool:
         """Note how an attempt ended. Says whether this server still looked after it."""
         return self._own(task, state=state, code=code, told=told, ended=time.time(), stop=False)
+
+    def put_aside(self, task: QueuedTask) -> bool:
+        """Note that a task which was to pause has stopped. Says whether this server still looked after it."""
+        return self._own(task, state="paused", begun=None, stop=False, told="")
 
     def lose(self, task: QueuedTask) -> bool:
         """Let a task whose process was killed wait again at its place, or end it where that happened too often."""

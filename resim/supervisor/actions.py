@@ -1,4 +1,5 @@
-"""What forms do: start a job, and cancel, repeat or reorder tasks. Each gives the address of the page to go on with."""
+"""What forms do: start a job, and cancel, pause, repeat or reorder tasks. Each gives the address of the page that
+comes next."""
 
 from __future__ import annotations
 
@@ -44,6 +45,14 @@ def _cancel(supervisor: Supervisor, name: str) -> bool:
     return supervisor.queue.cancel(name)
 
 
+def _pause(supervisor: Supervisor, name: str) -> bool:
+    return supervisor.queue.pause(name)
+
+
+def _resume(supervisor: Supervisor, name: str) -> bool:
+    return supervisor.queue.resume(name)
+
+
 def _retry(supervisor: Supervisor, name: str) -> bool:
     return supervisor.queue.retry(name)
 
@@ -62,7 +71,8 @@ def _later(supervisor: Supervisor, name: str) -> bool:
 
 
 _OF_TASKS: Mapping[str, Callable[[Supervisor, str], bool]] = {
-    "cancel": _cancel, "retry": _retry, "first": _first, "earlier": _earlier, "later": _later
+    "cancel": _cancel, "pause": _pause, "resume": _resume, "retry": _retry,
+    "first": _first, "earlier": _earlier, "later": _later,
 }  # fmt: skip
 
 

@@ -75,7 +75,8 @@ class Experiments:
         for outcome in CatalogOverview(self._catalog).newest_of(i.digest for i in items):
             outcomes.setdefault(outcome.hash, []).append(outcome)
         tables = facts_of(self._catalog, [i.id for i in items], "table")
-        tasks = [*self._queue.unfinished(), *self._queue.ended(0, RECENT, bad=True)]
+        unfinished = [t for t in self._queue.unfinished() if t.state != "paused"]
+        tasks = [*unfinished, *self._queue.ended(0, RECENT, bad=True)]
         return [_experiment(i, tuple(tables.get(i.id, ())), outcomes.get(i.digest, []), tasks) for i in items]
 
 

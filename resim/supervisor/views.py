@@ -24,7 +24,7 @@ from resim.results.lake import (
     find_page,
     with_content,
 )
-from resim.results.queue import QueuedTask
+from resim.results.queue import ENDED, QueuedTask
 from resim.results.reading import VERDICTS
 from resim.results.scanning import is_utf8, roots_of
 from resim.supervisor import documents
@@ -289,8 +289,9 @@ def tasks(supervisor: Supervisor, request: Request) -> Told:
     """What runs, what waits, and what ended."""
     first, unfinished, counts = _first(request), supervisor.queue.unfinished(), supervisor.queue.counts()
     ended = supervisor.queue.ended(first, EACH)
-    count = sum(n for state, n in counts.items() if state not in ("running", "waiting"))
+    count = sum(n for state, n in counts.items() if state in ENDED)
     return "tasks.html", {
+        "paused": [t for t in unfinished if t.state == "paused"],
         "running": [t for t in unfinished if t.state == "running"],
         "waiting": [t for t in unfinished if t.state == "waiting"],
         "ended": ended, "paging": _paging(request, first, len(ended), count),
@@ -309,7 +310,7 @@ def task(supervisor: Supervisor, request: Request) -> Told:
         entry = next(iter(supervisor.catalog.of_folder(made)), None)
     return "task.html", {
         "one": one, "log": log, "end": end, "command": f"resim {shlex.join(one.call)}", "entry": entry,
-        "pages": documents.pages(folder) if one.state not in ("running", "waiting") and entry is None else [],
+        "pages": documents.pages(folder) if one.state in ENDED and entry is None else [],
     }  # fmt: skip
 
 

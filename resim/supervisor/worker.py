@@ -82,7 +82,7 @@ class Worker:
             code = int(ended["code"])
             self._forget(task)
             if task.stop and code not in (0, 1):
-                return self._queue.end(task, "cancelled", code=code)
+                return self._stopped(task, code)
             told = "" if code == 0 else _reason(folder)
             return self._queue.end(task, _STATES.get(code, "failed"), code=code, told=told)
         child = self._children.get(task.id)
@@ -97,12 +97,18 @@ class Worker:
             return self._look_after(task)
         if task.stop:
             self._forget(task)
-            return self._queue.end(task, "cancelled")
+            return self._stopped(task)
         if is_begun or self._starts.get((task.id, task.attempt), 0) >= MOST_STARTS:
             self._forget(task)
             return self._queue.lose(task)
         self._begin(task)
         return False
+
+    def _stopped(self, task: QueuedTask, code: int | None = None) -> bool:
+        """Note that a task was stopped, for good or to go on later."""
+        if task.is_pausing:
+            return self._queue.put_aside(task)
+        return self._queue.end(task, "cancelled", code=code)
 
     def _begin(self, task: QueuedTask) -> None:
         """Start the process of a task; where there is one already, it ends by itself."""

@@ -62,6 +62,34 @@ def test_tasks_come_by_priority_and_place(database: str) -> None:
     assert not queue.retry(a)
 
 
+def test_a_paused_task_waits_until_it_is_resumed(database: str) -> None:
+    queue = TaskQueue(Catalog(database), "here")
+    one, other = put(queue), put(queue)
+    assert queue.pause(one.id)
+    assert not queue.pause(one.id)
+    running = queue.claim("me")
+    assert running is not None
+    assert running.id == other.id  # nobody takes the paused one
+    assert queue.claim("me") is None
+    assert queue.pause(other.id)
+    asked = queue.get(other.id)
+    assert (asked.state, asked.is_pausing) == ("running", True)
+    assert queue.put_aside(running)
+    aside = queue.get(other.id)
+    assert (aside.state, aside.stop, aside.told, aside.begun) == ("paused", False, "", None)
+    assert not queue.resume("nothing")
+    assert queue.resume(other.id)
+    again = queue.claim("me")
+    assert again is not None
+    assert again.call == (*other.words, "--resume")  # what was finished is kept
+    assert queue.pause(other.id)
+    assert queue.cancel(other.id)  # it is to end, not to pause
+    assert not queue.get(other.id).is_pausing
+    assert queue.cancel(one.id)
+    assert queue.get(one.id).state == "cancelled"
+    assert not queue.resume(one.id)
+
+
 def test_tasks_of_another_machine_are_left_alone(database: str) -> None:
     here, there = TaskQueue(Catalog(database), "here"), TaskQueue(Catalog(database), "there")
     put(there)

@@ -87,6 +87,25 @@ def test_a_running_task_is_cancelled(
     assert not is_alive(process)
 
 
+def test_a_running_task_is_paused_and_goes_on(
+    queue: TaskQueue, put: Callable[..., QueuedTask], long: list[str]
+) -> None:
+    task, worker = put(*long), Worker(queue, 1)
+    waited(lambda: (worker.look(), said(task, LISTENS))[1])
+    process = begun(task)["process"]
+    assert queue.pause(task.id)
+    waited(lambda: (worker.look(), queue.get(task.id).state == "paused")[1])
+    assert not is_alive(process)
+    worker.look()
+    assert queue.get(task.id).attempt == 1  # nobody begins it by himself
+    assert queue.resume(task.id)
+    waited(lambda: (worker.look(), begun(task).get("attempt") == 2)[1])
+    assert queue.get(task.id).losses == 0
+    queue.cancel(task.id)
+    waited(lambda: (worker.look(), not queue.unfinished())[1])
+    assert queue.get(task.id).state == "cancelled"
+
+
 def test_a_task_whose_process_is_killed_begins_again(
     queue: TaskQueue, put: Callable[..., QueuedTask], long: list[str]
 ) -> None:
