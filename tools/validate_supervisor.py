@@ -40,7 +40,7 @@ PAGES = (
     "/results?text=drive",
     "/builds",
     "/tasks",
-    "/search?text=pilot",
+    "/lake?text=pilot",
     "/jobs/run",
 )
 

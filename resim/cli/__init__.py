@@ -18,6 +18,7 @@ from resim.cli import (
     function,
     generate,
     imports,
+    lake,
     maps,
     mine,
     perception,
@@ -31,6 +32,7 @@ from resim.cli import (
     sweep,
     sweep_report,
     traffic,
+    users,
     vary,
     verify,
 )
@@ -46,6 +48,7 @@ __all__ = [
     "function",
     "generate",
     "imports",
+    "lake",
     "main",
     "maps",
     "mine",
@@ -60,6 +63,7 @@ __all__ = [
     "sweep",
     "sweep_report",
     "traffic",
+    "users",
     "vary",
     "verify",
 ]

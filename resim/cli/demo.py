@@ -34,7 +34,7 @@ def demo(
 
     A car cuts in and brakes; late sensors leave the function only emergency braking.
     """
-    _write_example(out)
+    write_example(out)
     case, build, criteria = (
         out / "scenarios" / "cut_in_brake",
         out / "adfunc" / "builds" / "highway_pilot-1.0.toml",
@@ -54,7 +54,7 @@ def demo(
     say("  resim run --help")
 
 
-def _write_example(out: Path) -> None:
+def write_example(out: Path) -> None:
     """Copy the example into a folder that is not there yet, or empty."""
     home = shipped()
     if out.exists() and (not out.is_dir() or any(out.iterdir())):

@@ -46,7 +46,7 @@ OFFERED: Mapping[str, _Offered] = {
     "play": _Offered(("play",), play, result="play.html"),
 }
 _FILES: Mapping[Any, tuple[str, ...]] = {
-    A_RECORDING: ("recording",), A_BUILD: ("build",), A_SUITE: ("suite",), A_SWEEP: ("sweep",),
+    A_RECORDING: ("recording",), A_BUILD: ("build",), A_SUITE: ("suite",), A_SWEEP: ("sweep-file",),
     A_CRITERIA: ("criteria",), A_MODEL: ("model",), A_DRIVE: ("drive", "recording", "result"),
 }  # fmt: skip
 """What may be given where a command looks at a path in this way."""

@@ -38,6 +38,7 @@ class KindChoice(StrEnum):
     verification = "verification"
     sweep = "sweep"
     mining = "mining"
+    space = "space"
 
 
 def register(folder: Path) -> None:
@@ -142,7 +143,7 @@ def rm(
 
 def _catalog() -> Catalog:
     from resim.results.catalog import user_catalog
-    from resim.results.tables import VARIABLE
+    from resim.results.database import VARIABLE
 
     if (catalog := user_catalog()) is None:
         raise InputError(VARIABLE, "switches the catalog off", "Unset it, or name a file or database.")

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,8 +19,15 @@ from resim.cli.terminal import add_to_json, say
 from resim.core.errors import InputError
 
 if TYPE_CHECKING:
-    from resim.supervisor.access import Role
+    from resim.supervisor.users import Role
 
+DEMO_SUITE = """\
+name = "demo"
+criteria = "scenarios/criteria/highway.toml"
+
+[[recording]]
+folder = "scenarios/cut_in_brake"
+"""
 NEEDED = ("starlette", "uvicorn", "jinja2", "psutil")
 
 
@@ -50,10 +61,13 @@ def serve(
         str,
         typer.Option(
             metavar="URL",
-            help="Let other machines in by this https address; who has the token may run code on this one.",
+            help="Let users on other machines in by this https address; who may run may run code on this one.",
         ),
     ] = "",
     certificate: Certificate = None,
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Show a lake of what ships, in a temporary folder, and fill it.")
+    ] = False,
 ) -> None:
     """See and steer what runs, failed and came out, in the browser.
 
@@ -62,28 +76,79 @@ def serve(
     alone, and the next one finds them.
     """
     refuse_without_extra()
+    with _demo_lake() if demo else nullcontext() as example:
+        given = (*(folders or ()), *([] if example is None else [example]))
+        at = ServeAddress(host, port, allow_remote, certificate)
+        _serve(given, at, tasks, jobs, no_open)
+
+
+@dataclass(frozen=True)
+class ServeAddress:
+    """Where to listen, and how others come: as `ServeOptions`."""
+
+    host: str
+    port: int
+    remote: str
+    certificate: Path | None
+
+
+def _serve(folders: tuple[Path, ...], at: ServeAddress, tasks: Path | None, jobs: int, no_open: bool) -> None:
     from resim.cli.job_forms import job_forms
     from resim.results.catalog import user_catalog
-    from resim.results.tables import VARIABLE, data_folder
+    from resim.results.database import VARIABLE, data_folder
     from resim.supervisor.server import ServeOptions, open_browser
     from resim.supervisor.server import serve as run
 
     data = data_folder()
     options = ServeOptions(
-        tuple(folders or ()), host, port, tasks or data / "tasks", jobs, allow_remote, certificate
+        folders, at.host, at.port, tasks or data / "tasks", jobs, at.remote, at.certificate
     )
     if (catalog := user_catalog()) is None:
         raise InputError(VARIABLE, "switches the catalog off", "Unset it, or name a file or database.")
 
     def ready(addresses: Mapping[Role, str], page: Path) -> None:
-        add_to_json(address=addresses["run"], look=addresses["look"])
-        say(addresses["run"])
-        say(f"to look only: {addresses['look']}")
+        add_to_json(address=addresses.get("administer", at.remote), look=addresses.get("look", ""))
+        if addresses:
+            say(addresses["administer"])
+            say(f"to look only: {addresses['look']}")
+        else:
+            say(f"{at.remote.rstrip('/')}/?token=... with the token of each user")
         sys.stdout.flush()
         if not no_open:
             open_browser(page)
 
     run(options, catalog, job_forms(), data, ready)
+
+
+@contextmanager
+def _demo_lake() -> Iterator[Path]:
+    """A folder with what ships, a catalog and data folder of its own, and tasks that the server begins with."""
+    from resim.cli.demo import write_example
+    from resim.results.catalog import Catalog
+    from resim.results.database import VARIABLE, data_folder
+    from resim.results.queue import TaskQueue, new_id
+
+    with tempfile.TemporaryDirectory(prefix="resim-demo-", ignore_cleanup_errors=True) as folder:
+        whole = Path(folder)
+        example = whole / "example"
+        write_example(example)
+        (example / "two.toml").write_text(DEMO_SUITE, "utf-8")
+        os.environ |= {"XDG_DATA_HOME": str(whole / "data"), VARIABLE: str(whole / "catalog.sqlite")}
+        queue, drive = (
+            TaskQueue(Catalog(str(whole / "catalog.sqlite"))),
+            example / "scenarios" / "cut_in_brake",
+        )
+        build = f"--build={example / 'adfunc' / 'builds' / 'highway_pilot-1.0.toml'}"
+        criteria = f"--criteria={example / 'scenarios' / 'criteria' / 'highway.toml'}"
+        for job, *words in (
+            ("run", drive, build, criteria),
+            ("mine", drive),
+            ("verify", example / "two.toml", build),
+        ):
+            name = new_id()
+            task = data_folder() / "tasks" / name
+            queue.add(name, job, [job, *map(str, words), f"--out={task / 'result'}"], str(task))
+        yield example
 
 
 def refuse_without_extra() -> None:

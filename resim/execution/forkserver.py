@@ -253,7 +253,8 @@ def _forked(asked: socket.socket) -> tuple[int, int, int, int, int] | None:
             for file in (*served, errors):
                 os.close(file)
             alive[number] = told
-            os.write(told, _WORD.pack(number))
+            with contextlib.suppress(BrokenPipeError):  # the command has ended, which is heard next
+                os.write(told, _WORD.pack(number))
             continue
         os.setsid()
         signal.set_wakeup_fd(-1)

@@ -20,8 +20,9 @@ LONGEST = 1.0
 """s to each side that a line reaches at most (our choice): a quarter of a lane change."""
 FINE, AVERAGED = 0.01, 0.5
 """Standard deviation (of the values' unit) to which values are averaged, and s to each side at most (our choice)."""
-BEYOND = 2.0
-"""Standard deviations of an average beyond which it is below a limit, or above it again (our choice)."""
+BEYOND = 1.0
+"""Standard deviations of an average beyond which it is below a limit, or above it again (our choice: misses and false
+labels are as many)."""
 FEWEST = 8
 """Samples of which noise can be told."""
 NORMAL = 1.4826
@@ -82,7 +83,8 @@ def half_widths(
 def below(t: Floats, values: Floats, piece: NDArray[np.integer], fine: float = FINE) -> Bools:
     """Say in which samples (K,) values (K,) are below 0, noise apart: of exact ones just those that are.
 
-    Values are averaged to a deviation of `fine`, and are below 0 from where their average is surely so to where it surely is no more.
+    Values are averaged to a deviation of `fine`, and are below 0 from where their average is surely so to where it
+    surely is no more.
     piece (K,): what belongs together, in order; values are finite in all of a piece, or in none, where they are never
     below.
     """

@@ -1,17 +1,15 @@
-"""A catalog of results in SQL: finds runs, assessments, verifications and sweeps again, wherever their folders lie.
+"""A catalog in SQL: finds results, recordings and all else again, wherever their folders lie.
 
-One row a folder in `resim_result`, what went into it in `resim_input`, its verdicts in `resim_outcome`. SQLite needs no
-server; PostgreSQL serves many machines.
+`resim.results.tables` says what stands where. SQLite needs no server; PostgreSQL serves many machines.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -21,35 +19,42 @@ from sqlalchemy import (
     Connection,
     Row,
     Select,
+    Table,
     delete,
     exists,
     func,
     insert,
     or_,
     select,
+    update,
 )
 from sqlalchemy.exc import SQLAlchemyError
 
 from resim.core.errors import InputError
 from resim.core.faults import describe
-from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome, ResultKind
-from resim.results.tables import (
-    INPUT,
-    OUTCOME,
-    REMEDY,
-    RESULT,
-    address,
-    engine,
-    inserting,
-    make_tables,
-    shown,
-    where,
+from resim.results.database import REMEDY, address, engine, inserting, prepare, shown, where
+from resim.results.entry import (
+    KINDS,
+    CatalogEntry,
+    CatalogFact,
+    CatalogInput,
+    CatalogOutcome,
+    ItemKind,
+    ResultKind,
 )
+from resim.results.tables import CHANGE, FACT, INPUT, ITEM, OUTCOME, WORD
+from resim.results.words import words_of
 
 _ENTRY = TypeAdapter(CatalogEntry)
+_PARTS: Mapping[Table, tuple[str, type[CatalogInput | CatalogOutcome | CatalogFact]]] = {
+    INPUT: ("inputs", CatalogInput), OUTCOME: ("outcomes", CatalogOutcome), FACT: ("facts", CatalogFact)
+}  # fmt: skip
+"""Tables of what an entry has several of."""
 ANEW = "Remove the catalog, and put the results in again by `resim runs add FOLDER`."
 SHORT, LEAST = 8, 4
 """Digits of an id that are shown, and that have to be given."""
+AT_ONCE = 500
+"""Values in one query: databases take a limited number."""
 
 
 class Catalog:
@@ -66,19 +71,12 @@ class Catalog:
             self._engine = engine(url)
         self._looked = False
 
-    def add(self, entry: CatalogEntry) -> None:
-        """Put a result in, in the place of what is known of the same content in the same folder."""
-        row = _result_row(entry)
-        with self.connected() as connection, connection.begin():
-            put = inserting(connection, RESULT).values(row)
-            connection.execute(put.on_conflict_do_update(index_elements=[RESULT.c.id], set_=row))
-            for table, told in (
-                (INPUT, _rows(entry.id, entry.inputs)),
-                (OUTCOME, _rows(entry.id, entry.outcomes)),
-            ):
-                connection.execute(delete(table).where(table.c.result == entry.id))
-                if told:
-                    connection.execute(insert(table), told)
+    def add(self, *entries: CatalogEntry) -> None:
+        """Put entries in, all or none, each in the place of what is known of the same content in the same folder."""
+        with self.changing() as connection:
+            for entry in entries:
+                put(connection, entry)
+            rate(connection, entries)
 
     def find(
         self,
@@ -93,78 +91,85 @@ class Catalog:
         build, recording: part of a label or name, or a hash or its beginning, in any case. verdict: over all, or of any
         outcome; in any case.
         """
-        wanted = []
-        if kind is not None:
-            wanted.append(RESULT.c.kind == kind)
+        wanted: list[ColumnElement[bool]] = [ITEM.c.kind.in_(KINDS if kind is None else (kind,))]
         if build is not None:
             wanted.append(_has_input(("build", "against"), build))
         if recording is not None:
             wanted.append(_has_input(("recording",), recording))
         if verdict is not None:
             of_any = _has(OUTCOME, func.lower(OUTCOME.c.verdict) == verdict.lower())
-            wanted.append(or_(func.lower(RESULT.c.verdict) == verdict.lower(), of_any))
-        return self._entries(select(RESULT).where(*wanted))
+            wanted.append(or_(func.lower(ITEM.c.verdict) == verdict.lower(), of_any))
+        return self._entries(select(ITEM).where(*wanted))
 
-    def get(self, wanted: str) -> CatalogEntry:
-        """Give a result by its id, four or more digits of it, or its folder: what it holds now, else what it held last.
+    def get(self, wanted: str, kinds: Iterable[ItemKind] = tuple(KINDS)) -> CatalogEntry:
+        """Give a result, or what else is of these kinds, by its id, four or more digits of it, or its folder: what it
+        holds now, else what it held last.
 
         Raises InputError where there is none or more than one, naming near ones.
         """
-        ids = self._ids()
-        if found := [i for i in ids if i.startswith(wanted.lower()) and len(wanted) >= LEAST]:
-            if len(found) > 1:
-                told = ", ".join(i[: max(SHORT, len(wanted) + 2)] for i in found[:5])
-                raise InputError(wanted, f"{len(found)} results begin so: {told}", "Give more of the id.")
-            return self._entries(select(RESULT).where(RESULT.c.id == found[0]))[0]
-        of_folder = self.of_folder(Path(wanted))
-        if of_folder:
+        of_kind = select(ITEM).where(ITEM.c.kind.in_([*kinds]))
+        digits = wanted.lower()
+        like = self._entries(of_kind.where(*begins(ITEM.c.id, digits)).limit(6)) if digits else []
+        if like and len(digits) >= LEAST:
+            if len(like) > 1:
+                told = ", ".join(sorted(e.id[: max(SHORT, len(wanted) + 2)] for e in like[:5]))
+                many = "more than 5" if len(like) > 5 else len(like)
+                raise InputError(wanted, f"{many} results begin so: {told}", "Give more of the id.")
+            return like[0]
+        path = os.path.normpath(Path(wanted).absolute())
+        if of_folder := self._entries(of_kind.where(ITEM.c.folder == path)):
             return next((e for e in of_folder if e.state() == "there"), of_folder[0])
-        named = self._entries(select(RESULT).where(RESULT.c.name == wanted))
-        alike = get_close_matches(wanted, [i[: len(wanted)] for i in ids]) if wanted else []
-        near = [e.id for e in named] or [i for i in ids if i[: len(wanted)] in alike]
-        told = f"; near: {', '.join(i[:SHORT] for i in near[:5])}" if near else ""
-        remedy = "`resim runs list` shows all; `resim runs add FOLDER` puts one in."
-        raise InputError(wanted, f"is no result that the catalog {self.name} knows{told}", remedy)
+        near = self._entries(of_kind.where(ITEM.c.name == wanted).limit(5)) or like[:5]
+        told = f"; near: {', '.join(e.id[:SHORT] for e in near)}" if near else ""
+        if set(kinds) <= KINDS.keys():
+            remedy = "`resim runs list` shows all; `resim runs add FOLDER` puts one in."
+            raise InputError(wanted, f"is no result that the catalog {self.name} knows{told}", remedy)
+        remedy = "`resim lake find` shows all; `resim lake add PATH` registers more."
+        raise InputError(wanted, f"is nothing that the lake {self.name} knows{told}", remedy)
 
     def entries(self, ids: Sequence[str]) -> list[CatalogEntry]:
-        """Give the results with these ids, the newest first; those that there are."""
-        return self._entries(select(RESULT).where(RESULT.c.id.in_(ids)))
+        """Give what has these ids, the newest first; those that there are."""
+        return self._entries(select(ITEM).where(ITEM.c.id.in_(ids)))
 
     def of_folder(self, folder: Path) -> list[CatalogEntry]:
-        """Give the results that a folder holds or held, the newest first."""
-        return self._entries(select(RESULT).where(RESULT.c.folder == os.path.normpath(folder.absolute())))
+        """Give what a folder holds or held, the newest first."""
+        return self._entries(select(ITEM).where(ITEM.c.folder == os.path.normpath(folder.absolute())))
 
-    def forget(self, entry: CatalogEntry) -> None:
-        """Take a result out; its folder stays as it is."""
-        with self.connected() as connection, connection.begin():
-            connection.execute(delete(RESULT).where(RESULT.c.id == entry.id))
+    def forget(self, *entries: CatalogEntry) -> None:
+        """Take entries out; their folders stay as they are."""
+        with self.changing() as connection:
+            drop(connection, [entry.id for entry in entries])
+            rate(connection, entries)
 
-    def _ids(self) -> Sequence[str]:
+    def _entries(self, items: Select[Any]) -> list[CatalogEntry]:
         with self.connected() as connection:
-            return connection.scalars(select(RESULT.c.id)).all()
+            rows = connection.execute(items.order_by(ITEM.c.written.desc(), ITEM.c.id)).all()
+            ids = [row.id for row in rows]
+            told = {table: _by_item(connection, table, ids) for table in _PARTS}
+        return [self._entry(row, {table: of.get(row.id, []) for table, of in told.items()}) for row in rows]
 
-    def _entries(self, results: Select[Any]) -> list[CatalogEntry]:
-        with self.connected() as connection:
-            rows = connection.execute(results.order_by(RESULT.c.written.desc(), RESULT.c.id)).all()
-            ids = results.with_only_columns(RESULT.c.id)
-            inputs = _by_result(
-                connection, select(INPUT).where(INPUT.c.result.in_(ids)).order_by(INPUT.c.row)
-            )
-            outcomes = _by_result(
-                connection, select(OUTCOME).where(OUTCOME.c.result.in_(ids)).order_by(OUTCOME.c.row)
-            )
-        return [self._entry(row, inputs.get(row.id, []), outcomes.get(row.id, [])) for row in rows]
-
-    def _entry(self, row: Row[Any], inputs: list[Row[Any]], outcomes: list[Row[Any]]) -> CatalogEntry:
+    def _entry(self, row: Row[Any], parts: Mapping[Table, list[Row[Any]]]) -> CatalogEntry:
         """The entry that rows hold. Raises InputError where they were altered to what no entry is."""
-        told = {key: value for key, value in row._mapping.items() if key != "id"}
-        told["inputs"] = [_fields(CatalogInput, i) for i in inputs]
-        told["outcomes"] = [_fields(CatalogOutcome, o) for o in outcomes]
+        told = {key: value for key, value in row._mapping.items() if key not in ("id", "risk")}
+        for table, (name, kind) in _PARTS.items():
+            told[name] = [{f.name: part._mapping[f.name] for f in fields(kind)} for part in parts[table]]
         try:
             return _ENTRY.validate_python(told)
         except ValidationError as e:
             what = f"its row of {str(row.folder)!r:.200} is damaged: {describe(e.errors(), CatalogEntry)}"
             raise InputError(self.name, what, ANEW) from None
+
+    @contextmanager
+    def changing(self) -> Iterator[Connection]:
+        """A transaction that changes the index, for modules of this package; who watches is told."""
+        with self.connected() as connection, connection.begin():
+            yield connection
+            connection.execute(update(CHANGE).values(number=CHANGE.c.number + 1))
+
+    def version(self) -> int:
+        """Give what is another one after every change of the index."""
+        with self.connected() as connection:
+            return int(connection.scalar(select(CHANGE.c.number)) or 0)
 
     @contextmanager
     def connected(self) -> Iterator[Connection]:
@@ -173,7 +178,7 @@ class Catalog:
             if connection.dialect.name == "sqlite":
                 connection.exec_driver_sql("PRAGMA foreign_keys = ON")
             if not self._looked:
-                make_tables(connection, self.name)
+                prepare(connection, self.name)
                 self._looked = True
             connection.rollback()  # what was read is done with; a transaction begins with what it writes
             yield connection
@@ -202,23 +207,60 @@ def user_catalog() -> Catalog | None:
     return None if at is None else Catalog(at)
 
 
-def _result_row(entry: CatalogEntry) -> dict[str, Any]:
-    row = {column.name: getattr(entry, column.name) for column in RESULT.columns}
-    return {**row, "folder": str(entry.folder), "counts": dict(entry.counts)}
+def put(connection: Connection, entry: CatalogEntry) -> None:
+    """Write an entry into the tables, in the place of the one with its id."""
+    row = {column.name: getattr(entry, column.name) for column in ITEM.columns if column.name != "risk"}
+    risks = [f.value for f in entry.facts if f.facet == "risk" and f.value is not None]
+    row |= {
+        "folder": str(entry.folder), "counts": dict(entry.counts), "files": dict(entry.files),
+        "risk": max(risks, default=None),
+    }  # fmt: skip
+    written = inserting(connection, ITEM).values(row)
+    connection.execute(written.on_conflict_do_update(index_elements=[ITEM.c.id], set_=row))
+    content = {i.name: i.hash for i in entry.inputs if i.role == "recording"}
+    for table, (name, _) in _PARTS.items():
+        told = [{"item": entry.id, "row": k, **asdict(one)} for k, one in enumerate(getattr(entry, name))]
+        if table is OUTCOME:
+            told = [{**one, "hash": content.get(one["recording"], "")} for one in told]
+        _replace(connection, table, entry.id, told)
+    words = words_of(entry.name, str(entry.folder), *(i.name for i in entry.inputs))
+    _replace(connection, WORD, entry.id, [{"word": word, "item": entry.id} for word in words])
 
 
-def _rows(result: str, several: Sequence[CatalogInput | CatalogOutcome]) -> list[dict[str, Any]]:
-    return [{"result": result, "row": k, **asdict(one)} for k, one in enumerate(several)]
+def _replace(connection: Connection, table: Table, item: str, rows: list[dict[str, Any]]) -> None:
+    connection.execute(delete(table).where(table.c.item == item))
+    if rows:
+        connection.execute(insert(table), rows)
 
 
-def _fields(kind: type[CatalogInput | CatalogOutcome], row: Row[Any]) -> dict[str, Any]:
-    return {f.name: row._mapping[f.name] for f in fields(kind)}
+def drop(connection: Connection, ids: Sequence[str]) -> None:
+    """Take entries out of the tables."""
+    for k in range(0, len(ids), AT_ONCE):
+        connection.execute(delete(ITEM).where(ITEM.c.id.in_(ids[k : k + AT_ONCE])))
 
 
-def _by_result(connection: Connection, rows: Select[Any]) -> dict[str, list[Row[Any]]]:
+def rate(connection: Connection, entries: Iterable[CatalogEntry]) -> None:
+    """Note the highest risk that any result tells of recordings: those entries, and those that entries tell of."""
+    changed = {f.hash for e in entries for f in e.facts if f.facet == "risk"}
+    changed |= {e.digest for e in entries if e.kind not in KINDS}
+    highest = select(func.max(FACT.c.value)).where(FACT.c.facet == "risk", FACT.c.hash == ITEM.c.digest)
+    hashes = sorted(changed - {""})
+    for k in range(0, len(hashes), AT_ONCE):
+        of = ITEM.c.digest.in_(hashes[k : k + AT_ONCE]) & ITEM.c.kind.not_in(KINDS)
+        connection.execute(update(ITEM).where(of).values(risk=highest.scalar_subquery()))
+
+
+def begins(column: ColumnElement[str], text: str) -> tuple[ColumnElement[bool], ...]:
+    """Conditions that a text begins so, which an index answers."""
+    return column >= text, column < text + "\U0010ffff"
+
+
+def _by_item(connection: Connection, table: Table, ids: Sequence[str]) -> dict[str, list[Row[Any]]]:
     found: dict[str, list[Row[Any]]] = {}
-    for row in connection.execute(rows):
-        found.setdefault(row.result, []).append(row)
+    for k in range(0, len(ids), AT_ONCE):
+        of = table.c.item.in_(ids[k : k + AT_ONCE])
+        for row in connection.execute(select(table).where(of).order_by(table.c.item, table.c.row)):
+            found.setdefault(row.item, []).append(row)
     return found
 
 
@@ -230,4 +272,4 @@ def _has_input(roles: tuple[str, ...], wanted: str) -> ColumnElement[bool]:
 
 
 def _has(table: Any, condition: ColumnElement[bool]) -> ColumnElement[bool]:
-    return exists().where(table.c.result == RESULT.c.id, condition)
+    return exists().where(table.c.item == ITEM.c.id, condition)

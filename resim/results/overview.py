@@ -1,52 +1,23 @@
-"""What pages show of a catalog: pages of results, recordings with what was made of them, builds over time."""
+"""What pages show of a catalog besides lists: what was made of each recording, builds over time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Select, and_, func, or_, select
+from sqlalchemy import ColumnElement, and_, exists, func, select
 
-from resim.results.catalog import Catalog
-from resim.results.entry import ResultKind
-from resim.results.tables import INPUT, OUTCOME, RESULT
-
-MOST_HASHES = 500
-"""Values in one query: databases take a limited number."""
-
-
-@dataclass(frozen=True)
-class ResultQuery:
-    """What results are looked for. text: part of a name, of an input's or of a folder, or the first digits of an id or
-    of a hash. kind, verdict: "" for any.
-    """
-
-    text: str = ""
-    kind: ResultKind | None = None
-    verdict: str = ""
-
-
-@dataclass(frozen=True)
-class ListedResult:
-    """A result as a list shows it. counts: of outcomes by verdict. builds, against: labels."""
-
-    id: str
-    kind: ResultKind
-    name: str
-    written: str
-    verdict: str
-    counts: Mapping[str, int]
-    builds: tuple[str, ...]
-    against: tuple[str, ...]
+from resim.results.catalog import AT_ONCE, Catalog
+from resim.results.entry import ItemKind
+from resim.results.tables import INPUT, ITEM, OUTCOME
 
 
 @dataclass(frozen=True)
 class UsedInput:
-    """Something that results follow from: its name, path ("" where no result tells it) and hash, and of how many."""
+    """Something that results follow from: its name and hash, and of how many."""
 
     name: str
-    path: str
     hash: str
     results: int
 
@@ -56,7 +27,7 @@ class OutcomeOf:
     """An outcome with the result that it stands in. hash: of the recording's content."""
 
     result: str
-    kind: ResultKind
+    kind: ItemKind
     written: str
     recording: str
     hash: str
@@ -72,116 +43,57 @@ class CatalogOverview:
     def __init__(self, catalog: Catalog) -> None:
         self._catalog = catalog
 
-    def version(self) -> tuple[int, str]:
-        """Give what is another one once a result was put in."""
-        with self._catalog.connected() as connection:
-            count, latest = connection.execute(select(func.count(), func.max(RESULT.c.written))).one()
-        return int(count), str(latest or "")
-
-    def page(self, query: ResultQuery, first: int, most: int) -> tuple[list[ListedResult], int]:
-        """Give at most so many of the results that match, the newest first, from number `first` on; and how many do."""
-        wanted = _wanted(query)
-        rows = select(*_LISTED).where(*wanted).order_by(RESULT.c.written.desc(), RESULT.c.id)
-        with self._catalog.connected() as connection:
-            count = connection.scalar(select(func.count()).select_from(RESULT).where(*wanted)) or 0
-            return _listed(connection, rows.offset(first).limit(most)), int(count)
-
-    def verdicts(self) -> list[str]:
-        """Give all verdicts that results have."""
-        with self._catalog.connected() as connection:
-            return sorted(v for v in connection.scalars(select(RESULT.c.verdict).distinct()).all() if v)
-
     def inputs(self, role: str) -> list[UsedInput]:
         """Give all inputs of a role, each content under each name once, by name."""
         told = (INPUT.c.name, INPUT.c.hash)
-        rows = (
-            select(*told, func.max(INPUT.c.path), func.count(INPUT.c.result.distinct()))
-            .where(INPUT.c.role == role)
-            .group_by(*told)
-            .order_by(*told)
-        )
+        every = select(*told, func.count()).where(INPUT.c.role == role).group_by(*told).order_by(*told)
+        plans = INPUT.c.item.in_(select(ITEM.c.id).where(ITEM.c.kind == "sweep-file"))
         with self._catalog.connected() as connection:
-            return [UsedInput(name, path, digest, n) for name, digest, path, n in connection.execute(rows)]
+            only_named = Counter((name, digest) for its, name, digest in connection.execute(
+                select(INPUT.c.role, *told).where(plans)) if its == role)  # fmt: skip
+            counts = [
+                (name, digest, n - only_named[name, digest]) for name, digest, n in connection.execute(every)
+            ]
+        return [UsedInput(name, digest, n) for name, digest, n in counts if n]
 
-    def of_recordings(self, hashes: Iterable[str]) -> list[OutcomeOf]:
-        """Give the outcomes of recordings with these contents, the newest first."""
-        found: list[OutcomeOf] = []
+    def newest_of(self, hashes: Iterable[str]) -> list[OutcomeOf]:
+        """Give the newest outcome of each recording with these contents, by kind of result and source; a comparison of
+        builds is another kind than a verification."""
         wanted = sorted({h for h in hashes if h})
-        for k in range(0, len(wanted), MOST_HASHES):
-            found += self._outcomes(INPUT.c.hash.in_(wanted[k : k + MOST_HASHES]))
-        return sorted(found, key=lambda o: o.written, reverse=True)
+        compared = exists().where(INPUT.c.item == ITEM.c.id, INPUT.c.role == "against")
+        of = (OUTCOME.c.hash, ITEM.c.kind, OUTCOME.c.source, compared)
+        number = (
+            func.row_number()
+            .over(partition_by=of, order_by=(ITEM.c.written.desc(), ITEM.c.id))
+            .label("number")
+        )
+        found: list[OutcomeOf] = []
+        with self._catalog.connected() as connection:
+            for k in range(0, len(wanted), AT_ONCE):
+                its = OUTCOME.c.hash.in_(wanted[k : k + AT_ONCE])
+                rows = (
+                    select(*_OUTCOME_OF, number).join(ITEM, OUTCOME.c.item == ITEM.c.id).where(its).subquery()
+                )
+                columns = [c for c in rows.columns if c.name != "number"]
+                newest = select(*columns).where(rows.c.number == 1).order_by(rows.c.written.desc(), rows.c.id)
+                found += [OutcomeOf(*row) for row in connection.execute(newest)]
+        return found
 
-    def of_build(self, name: str, digest: str, kinds: Sequence[ResultKind]) -> list[OutcomeOf]:
+    def of_build(self, name: str, digest: str, kinds: Sequence[ItemKind]) -> list[OutcomeOf]:
         """Give the outcomes of a build in results of some kinds, the newest first."""
         its = (INPUT.c.role == "build") & (INPUT.c.name == name) & (INPUT.c.hash == digest)
-        results = select(INPUT.c.result).where(its)
-        return self._outcomes(
-            and_(OUTCOME.c.result.in_(results), OUTCOME.c.build == name, RESULT.c.kind.in_(kinds))
-        )
-
-    def results_of_build(self, name: str, digest: str, most: int) -> list[ListedResult]:
-        """Give the newest results of a build, at most so many."""
-        its = (INPUT.c.role == "build") & (INPUT.c.name == name) & (INPUT.c.hash == digest)
-        rows = select(*_LISTED).where(RESULT.c.id.in_(select(INPUT.c.result).where(its)))
-        with self._catalog.connected() as connection:
-            return _listed(connection, rows.order_by(RESULT.c.written.desc(), RESULT.c.id).limit(most))
+        results = select(INPUT.c.item).where(its)
+        of = and_(OUTCOME.c.item.in_(results), OUTCOME.c.build == name, OUTCOME.c.hash != "")
+        return self._outcomes(of & ITEM.c.kind.in_(kinds))
 
     def _outcomes(self, condition: ColumnElement[bool]) -> list[OutcomeOf]:
-        of = and_(
-            INPUT.c.result == RESULT.c.id, INPUT.c.role == "recording", INPUT.c.name == OUTCOME.c.recording
-        )
-        rows = (
-            select(
-                RESULT.c.id, RESULT.c.kind, RESULT.c.written, OUTCOME.c.recording, INPUT.c.hash, OUTCOME.c.build,
-                OUTCOME.c.source, OUTCOME.c.verdict, OUTCOME.c.cause,
-            )
-            .join(OUTCOME, OUTCOME.c.result == RESULT.c.id)
-            .join(INPUT, of)
-            .where(condition)
-            .order_by(RESULT.c.written.desc(), RESULT.c.id, OUTCOME.c.row)
-        )  # fmt: skip
+        rows = select(*_OUTCOME_OF).join(ITEM, OUTCOME.c.item == ITEM.c.id).where(condition)
         with self._catalog.connected() as connection:
-            return [OutcomeOf(*row) for row in connection.execute(rows)]
+            ordered = rows.order_by(ITEM.c.written.desc(), ITEM.c.id, OUTCOME.c.row)
+            return [OutcomeOf(*row) for row in connection.execute(ordered)]
 
 
-_LISTED = tuple(RESULT.c[name] for name in ("id", "kind", "name", "written", "verdict", "counts"))
-
-
-def _listed(connection: Connection, rows: Select[Any]) -> list[ListedResult]:
-    """Results as rows of a list, with the builds of each: nothing else of them is read."""
-    found = connection.execute(rows).all()
-    of = INPUT.c.result.in_([row.id for row in found]) & INPUT.c.role.in_(("build", "against"))
-    builds: dict[tuple[str, str], list[str]] = {}
-    told = select(INPUT.c.result, INPUT.c.role, INPUT.c.name).where(of).order_by(INPUT.c.row)
-    for result, role, name in connection.execute(told):
-        builds.setdefault((result, role), []).append(name)
-    return [
-        ListedResult(
-            row.id, row.kind, row.name, row.written, row.verdict, row.counts if isinstance(row.counts, dict) else {},
-            tuple(dict.fromkeys(builds.get((row.id, "build"), ()))), tuple(builds.get((row.id, "against"), ())),
-        )
-        for row in found
-    ]  # fmt: skip
-
-
-def _wanted(query: ResultQuery) -> list[ColumnElement[bool]]:
-    wanted: list[ColumnElement[bool]] = []
-    if query.kind is not None:
-        wanted.append(RESULT.c.kind == query.kind)
-    if query.verdict:
-        wanted.append(RESULT.c.verdict == query.verdict)
-    for word in query.text.split():
-        inputs = select(INPUT.c.result).where(
-            or_(
-                INPUT.c.name.icontains(word, autoescape=True), INPUT.c.hash.istartswith(word, autoescape=True)
-            )
-        )
-        wanted.append(
-            or_(
-                RESULT.c.name.icontains(word, autoescape=True),
-                RESULT.c.folder.icontains(word, autoescape=True),
-                RESULT.c.id.istartswith(word, autoescape=True),
-                RESULT.c.id.in_(inputs),
-            )
-        )
-    return wanted
+_OUTCOME_OF = (
+    ITEM.c.id, ITEM.c.kind, ITEM.c.written, OUTCOME.c.recording, OUTCOME.c.hash, OUTCOME.c.build, OUTCOME.c.source,
+    OUTCOME.c.verdict, OUTCOME.c.cause,
+)  # fmt: skip

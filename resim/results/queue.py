@@ -14,27 +14,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from sqlalchemy import (
-    JSON,
-    Boolean,
-    Column,
-    Connection,
-    Float,
-    Index,
-    Integer,
-    MetaData,
-    Row,
-    String,
-    Table,
-    func,
-    insert,
-    select,
-    update,
-)
-from sqlalchemy.schema import CreateIndex, CreateTable
+from sqlalchemy import Connection, Row, func, insert, select, update
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
+from resim.results.tables import TASK
 
 TaskState = Literal["waiting", "running", "done", "bad", "failed", "cancelled", "lost"]
 """done: the command ended with 0; bad: with 1, a verdict is bad; failed: with anything else; lost: its process was
@@ -44,34 +28,6 @@ SILENT = 60.0
 """s without a word of a server after which another one takes its tasks over."""
 MOST_LOSSES = 2
 """How often a task begins anew by itself after its process was killed."""
-
-_TASKS = MetaData()
-TASK = Table(
-    "resim_task",
-    _TASKS,
-    Column("id", String, primary_key=True),
-    Column("job", String, nullable=False),
-    Column("words", JSON, nullable=False),
-    Column("again", JSON, nullable=False),
-    Column("folder", String, nullable=False),
-    Column("host", String, nullable=False),
-    Column("state", String, nullable=False),
-    Column("priority", Integer, nullable=False),
-    Column("place", Float, nullable=False),
-    Column("created", Float, nullable=False),
-    Column("begun", Float),
-    Column("ended", Float),
-    Column("attempt", Integer, nullable=False),
-    Column("losses", Integer, nullable=False),
-    Column("server", String, nullable=False),
-    Column("beat", Float, nullable=False),
-    Column("stop", Boolean, nullable=False),
-    Column("code", Integer),
-    Column("told", String, nullable=False),
-    Column("changed", Float, nullable=False),
-    Index("resim_task_state", "state", "host"),
-    Index("resim_task_created", "created"),
-)
 
 
 @dataclass(frozen=True)
@@ -126,7 +82,6 @@ class TaskQueue:
 
     def __init__(self, catalog: Catalog, host: str = "") -> None:
         self._catalog, self.host = catalog, host or platform.node()
-        self._made = False
 
     def add(
         self, name: str, job: str, words: Sequence[str], folder: str, again: Sequence[str] = ()
@@ -295,16 +250,9 @@ class TaskQueue:
 
     @contextmanager
     def _begun(self) -> Iterator[Connection]:
-        """A transaction, with the table there."""
-        with self._catalog.connected() as connection:
-            if not self._made:
-                connection.execute(CreateTable(TASK, if_not_exists=True))
-                for index in TASK.indexes:
-                    connection.execute(CreateIndex(index, if_not_exists=True))
-                connection.commit()
-                self._made = True
-            with connection.begin():
-                yield connection
+        """A transaction."""
+        with self._catalog.connected() as connection, connection.begin():
+            yield connection
 
 
 def _task(row: Row[Any]) -> QueuedTask:

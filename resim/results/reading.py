@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,17 @@ from resim.core.errors import InputError
 from resim.core.files import check_hashes, parse_json, plain_names, read_file
 from resim.core.sealed import read_sealed
 from resim.core.spelling import counted
-from resim.results.entry import KINDS, CatalogEntry, CatalogInput, CatalogOutcome, ResultKind, digest, kind_of
+from resim.results.entry import (
+    KINDS,
+    CatalogEntry,
+    CatalogFact,
+    CatalogInput,
+    CatalogOutcome,
+    ItemKind,
+    digest,
+    kind_of,
+    stamps,
+)
 from resim.results.rows import check_table
 
 JUDGED = ("PASS", "FAIL", "INVALID")
@@ -39,6 +50,13 @@ FROM (SELECT run, recording, build, {columns} FROM read_parquet(?, union_by_name
 GROUP BY recording, build ORDER BY min(run)
 """
 _TYPES = {"verdict": "VARCHAR", "failure": "VARCHAR", "collision": "BOOLEAN", "same_decision": "BOOLEAN"}
+MARKS: Mapping[ItemKind, tuple[str, ...]] = {
+    **{kind: (file,) for kind, (file, _) in KINDS.items()}, "run": ("run.json", "assessment.json", "report.json")
+}  # fmt: skip
+"""Files by which a change of a folder of results is noticed."""
+_MEMBERS = """
+SELECT cluster, recording, count(*) FROM read_parquet(?, hive_partitioning = false) GROUP BY ALL ORDER BY ALL
+"""
 _KPI = "kpi "
 """What the columns with the verdicts by a criterion begin with."""
 
@@ -55,6 +73,7 @@ class _FolderContents:
     counts: Mapping[str, int]
     inputs: tuple[CatalogInput, ...]
     outcomes: tuple[CatalogOutcome, ...]
+    facts: tuple[CatalogFact, ...] = ()
 
 
 def read_entry(folder: Path) -> CatalogEntry:
@@ -64,15 +83,19 @@ def read_entry(folder: Path) -> CatalogEntry:
     file = folder / KINDS[kind][0]
     try:
         found = _READERS[kind](folder)
-        seconds = file.stat().st_mtime
         return CatalogEntry(
-            kind=kind, name=found.name, folder=folder, host=platform.node(),
-            written=datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds"),
+            kind=kind, name=found.name, folder=folder, host=platform.node(), written=written(file),
             digest=digest(folder, kind), resim=str(found.versions["resim"]), verdict=found.verdict,
-            counts=found.counts, inputs=found.inputs, outcomes=found.outcomes,
+            counts=found.counts, inputs=found.inputs, outcomes=found.outcomes, facts=found.facts,
+            files=stamps(folder, MARKS[kind]),
         )  # fmt: skip
     except (KeyError, TypeError, ValueError, AttributeError, OSError, RecursionError) as e:
         raise InputError(file, "is not what resim writes, or what belongs to it is missing", REMEDY) from e
+
+
+def written(file: Path) -> str:
+    """Give when a file was written, as the catalog has it. Raises OSError."""
+    return datetime.fromtimestamp(file.stat().st_mtime, UTC).isoformat(timespec="milliseconds")
 
 
 def _run(folder: Path) -> _FolderContents:
@@ -96,13 +119,16 @@ def _run(folder: Path) -> _FolderContents:
     if build["drove"]:
         builds |= {"GT": label, "SD": label}
     found = list(_judged(_blocks(assessed), report["recording"], builds, report))
+    road = next(name for name in run["files"] if name.endswith(".xodr"))
+    told.append(CatalogInput("map", road.removesuffix(".xodr"), hash=hashes["map"]))
     seeds = (report.get("perception") or {}).get("seeds", ())
     failed = any(report["failure"].values()) or any(seed["failure"] for seed in seeds)
     verdict = FAILED if failed else _overall(o.verdict for o in found)
     inputs = (*told, *_criteria(assessed))
     return _FolderContents(
-        report["recording"], run["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found)
-    )
+        report["recording"], run["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found),
+        tuple(_risks(_blocks(assessed), told[0].hash)),
+    )  # fmt: skip
 
 
 def _assessment(folder: Path) -> _FolderContents:
@@ -119,7 +145,10 @@ def _assessment(folder: Path) -> _FolderContents:
     found = list(_judged(_blocks(assessed), name, builds, {"failure": assessed.get("failures", {})}))
     inputs = (*told, *_criteria(assessed))
     verdict = FAILED if assessed.get("failures") else _overall(o.verdict for o in found)
-    return _FolderContents(name, assessed["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found))
+    facts = tuple(_risks(_blocks(assessed), told[0].hash))
+    return _FolderContents(
+        name, assessed["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found), facts
+    )
 
 
 def _verification(folder: Path) -> _FolderContents:
@@ -171,7 +200,57 @@ def _mining(folder: Path) -> _FolderContents:
     outcomes += [CatalogOutcome(f["recording"], "", verdict="error", cause=f["why"]) for f in failures]
     verdict = "error" if failures else ""
     counts = {"mined": len(parts), "error": len(failures)} if failures else {}
-    return _FolderContents(folder.name, mined["versions"], verdict, counts, tuple(inputs), tuple(outcomes))
+    facts = [
+        CatalogFact("maneuver", label, float(count), p["content"])
+        for p in parts for label, count in p["labels"].items()
+    ]  # fmt: skip
+    facts += [CatalogFact("scenarios", "", float(p["scenarios"]), p["content"]) for p in parts]
+    return _FolderContents(
+        folder.name, mined["versions"], verdict, counts, tuple(inputs), tuple(outcomes), tuple(facts)
+    )
+
+
+def _space(folder: Path) -> _FolderContents:
+    told = _sealed(folder / "space.json")
+    inputs = [
+        CatalogInput("mining", source["name"], os.path.normpath(folder / source["folder"]))
+        for source in told["sources"]
+    ]
+    for source in told["sources"]:
+        inputs += [CatalogInput("recording", "", hash=content) for content in source["recordings"]]
+    counts = {"clusters": sum(len(bucket["clusters"]) for bucket in told["buckets"])}
+    return _FolderContents(folder.name, told["versions"], "", counts, tuple(inputs), ())
+
+
+def clusters_of(space: CatalogEntry) -> list[CatalogEntry]:
+    """Give the clusters of a space. Raises InputError where its tables are not those of the space."""
+    told = _sealed(space.folder / "space.json")
+    check_hashes(space.folder, {"scenarios.parquet": told["files"]["scenarios.parquet"]}, REMEDY)
+    with duckdb.connect() as db, plain_names([space.folder / "scenarios.parquet"]) as names:
+        rows = db.execute(_MEMBERS, [names]).fetchall()
+    members: dict[str, list[tuple[str, int]]] = {}
+    for cluster, recording, count in rows:
+        members.setdefault(cluster, []).append((recording, count))
+    return [
+        replace(
+            space, kind="cluster", name=f"{bucket['bucket']} {cluster['cluster']}",
+            digest=hashlib.sha256(f"{space.digest}\n{cluster['cluster']}".encode()).hexdigest(),
+            counts={"scenarios": cluster["members"]},
+            inputs=(CatalogInput("space", space.name, str(space.folder), space.digest),),
+            facts=tuple(
+                CatalogFact("member", name, float(count)) for name, count in members.get(cluster["cluster"], ())
+            ),
+        )
+        for bucket in told["buckets"] for cluster in bucket["clusters"]
+    ]  # fmt: skip
+
+
+def _risks(blocks: Json, recording: str) -> Iterator[CatalogFact]:
+    """The highest accident risk of each source: what was measured is true of the recording, the rest of the result."""
+    for source, block in blocks.items():
+        risks = [r for r in block.get("measures", {}).get("risk", {}).get("ego", ()) if r is not None]
+        if risks:
+            yield CatalogFact("risk", source, max(risks), recording if source in ("GT", "SD") else "")
 
 
 def _found(part: Json) -> str:
@@ -179,12 +258,13 @@ def _found(part: Json) -> str:
     return f"{counted(sum(part['labels'].values()), 'maneuver')}, {counted(part['scenarios'], 'scenario')}"
 
 
-_READERS: dict[ResultKind, Callable[[Path], _FolderContents]] = {
+_READERS: dict[ItemKind, Callable[[Path], _FolderContents]] = {
     "run": _run,
     "assessment": _assessment,
     "verification": _verification,
     "sweep": _sweep,
     "mining": _mining,
+    "space": _space,
 }
 
 

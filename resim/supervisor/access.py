@@ -7,51 +7,82 @@ import hmac
 import os
 import secrets
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
 
 from resim.core.errors import InputError
+from resim.supervisor.users import Role, Users
 
-Role = Literal["run", "look"]
-"""run: may do all; look: may see all, and change nothing."""
-ROLES: tuple[Role, ...] = get_args(Role)
 LIFE = 12 * 3600
 """s that a cookie, or the address of a page, is good for."""
 KEY_BYTES = 32
+
+
+OWNER = ""
+"""Name of who comes by an address that the server printed."""
+
+
+@dataclass(frozen=True)
+class Visitor:
+    """Somebody who was let in. name: of a user, OWNER for who started the server or was given its address."""
+
+    name: str
+    role: Role
+
+    @property
+    def may_change(self) -> bool:
+        """Whether more than looking is allowed."""
+        return self.role != "look"
 
 
 class Access:
     """Tokens, cookies and seals of one server. All comparisons take the same time whatever is given.
 
     Attributes:
-        tokens: What the addresses have that are shown at the start, by the role that each gives.
+        tokens: What the addresses have that are shown at the start, by the role that each gives; none where only users
+            may come in.
         cookie: Name of the cookie, another one for each port: browsers keep one jar for all ports of a host.
     """
 
-    def __init__(self, key: bytes, port: int) -> None:
+    def __init__(self, key: bytes, port: int, users: Users, *, users_only: bool = False) -> None:
         """key: of the cookies and seals; who keeps it lets those in again who were in before."""
-        self._key = key
-        self.tokens: dict[Role, str] = {role: secrets.token_urlsafe(24) for role in ROLES}
+        self._key, self._users, self._users_only = key, users, users_only
+        shown: tuple[Role, ...] = () if users_only else ("administer", "look")
+        self.tokens: dict[Role, str] = {role: secrets.token_urlsafe(24) for role in shown}
         self.cookie = f"resim_{port}"
 
-    def token_role(self, given: str) -> Role | None:
-        """Give the role of a token of this server; None for any other text."""
-        same = [hmac.compare_digest(given.encode(), self.tokens[role].encode()) for role in ROLES]
-        return next((role for role, is_it in zip(ROLES, same, strict=True) if is_it), None)
+    def visitor(self, token: str) -> Visitor | None:
+        """Give who comes with a token, of this server or of a user; None for any other text."""
+        given = token.encode(errors="replace")
+        same = [role for role, own in self.tokens.items() if hmac.compare_digest(given, own.encode())]
+        user = self._users.of_token(token)
+        if same:
+            return Visitor(OWNER, same[0])
+        return None if user is None else Visitor(user.name, user.role)
 
-    def new_session(self, role: Role) -> str:
+    def new_session(self, visitor: Visitor) -> str:
         """Give the value of a new cookie."""
-        told = f"{int(time.time()) + LIFE}.{role}.{secrets.token_hex(8)}"
+        known = self._users.all().get(visitor.name)
+        mark = "" if known is None else known.mark
+        told = f"{int(time.time()) + LIFE}.{visitor.role}.{visitor.name}.{mark}.{secrets.token_hex(8)}"
         return f"{told}.{self._seal('session', told)}"
 
-    def session_role(self, value: str) -> Role | None:
-        """Give the role of a cookie of this key that is still good; None for any other text."""
+    def session(self, value: str) -> Visitor | None:
+        """Give whose a cookie of this key is that is still good; None for any other text.
+
+        A user has the role that is his now; without him, or with another token of his, it is good no more.
+        """
         told, _, seal = value.rpartition(".")
-        good = hmac.compare_digest(seal.encode(), self._seal("session", told).encode())
-        until, _, rest = told.partition(".")
-        return (
-            next((r for r in ROLES if rest.startswith(f"{r}.")), None) if good and _is_ahead(until) else None
-        )
+        good = hmac.compare_digest(seal.encode(errors="replace"), self._seal("session", told).encode())
+        parts = told.split(".")
+        if not good or len(parts) != 5 or not _is_ahead(parts[0]):
+            return None
+        role, name, mark = parts[1], parts[2], parts[3]
+        if name == OWNER:
+            shown = next((r for r in self.tokens if r == role), None)
+            return None if shown is None else Visitor(OWNER, shown)
+        user = self._users.all().get(name)
+        return Visitor(name, user.role) if user is not None and hmac.compare_digest(user.mark, mark) else None
 
     def form_seal(self, session: str) -> str:
         """Give what forms of a session hold, so that no page of somebody else can send one."""

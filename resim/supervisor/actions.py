@@ -31,7 +31,7 @@ def start(supervisor: Supervisor, request: Request) -> str:
         if "result" in kinds and given.startswith("result-"):
             return result_folder(supervisor, given.removeprefix("result-"))
         try:
-            return supervisor.folders.get(given, kinds).path
+            return Path(supervisor.file(given, kinds).folder)
         except InputError as e:
             raise FormError(str(e)) from e
 

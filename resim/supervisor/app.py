@@ -122,11 +122,13 @@ def _broken(request: Request, e: Exception) -> Response:
 def _page(supervisor: Supervisor, page: Page) -> Callable[[Request], Response]:
     def shown(request: Request) -> Response:
         template, values = page(supervisor, request)
-        may_run = request.state.role == "run"
+        visitor = request.state.visitor
         seal = (
-            supervisor.access.form_seal(request.state.session) if may_run else ""
+            supervisor.access.form_seal(request.state.session) if visitor.may_change else ""
         )  # forms are shown with it alone
-        told = {"seal": seal, "path": request.url.path, "query": "", "fault": supervisor.worker.fault}
+        told = {
+            "seal": seal, "path": request.url.path, "query": "", "fault": supervisor.worker.fault, "visitor": visitor
+        }  # fmt: skip
         return HTMLResponse(rendered(template, **(told | values)))
 
     return shown
@@ -138,7 +140,12 @@ def _action(
     def done(request: Request) -> Response:
         client = request.client.host if request.client else ""
         note = partial(
-            supervisor.audit.note, request.state.session, client, request.url.path, request.state.form
+            supervisor.audit.note,
+            request.state.visitor.name,
+            request.state.session,
+            client,
+            request.url.path,
+            request.state.form,
         )
         note("asked")
         try:

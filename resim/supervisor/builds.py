@@ -6,11 +6,11 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from resim.results.entry import ResultKind
+from resim.results.entry import ItemKind
 from resim.results.overview import CatalogOverview, OutcomeOf, UsedInput
 from resim.supervisor.words import WORST, tone
 
-COMPARED: tuple[ResultKind, ...] = ("verification", "sweep", "run")
+COMPARED: tuple[ItemKind, ...] = ("verification", "sweep", "run")
 """Results by which two builds are compared, those that say most first."""
 
 
@@ -29,7 +29,7 @@ class BuildPair:
     """What came out for one recording with two builds, None where there is nothing. kind, source: of what outcomes."""
 
     recording: str
-    kind: ResultKind
+    kind: ItemKind
     source: str
     one: OutcomeOf | None
     other: OutcomeOf | None
@@ -51,13 +51,17 @@ def known_builds(overview: CatalogOverview) -> list[KnownBuild]:
 
 
 def _known(one: UsedInput) -> KnownBuild:
-    name = hashlib.sha256(f"{one.name}\n{one.hash}".encode()).hexdigest()[:16]
-    return KnownBuild(name, one.name, one.hash, one.results)
+    return KnownBuild(build_id(one.name, one.hash), one.name, one.hash, one.results)
+
+
+def build_id(label: str, digest: str) -> str:
+    """Give the id of a build that results know."""
+    return hashlib.sha256(f"{label}\n{digest}".encode()).hexdigest()[:16]
 
 
 def pairs(overview: CatalogOverview, one: KnownBuild, other: KnownBuild) -> list[BuildPair]:
     """Give what came out for each recording (by content) with two builds, what got worse first."""
-    found: dict[tuple[str, str, ResultKind, str], list[OutcomeOf | None]] = {}
+    found: dict[tuple[str, str, ItemKind, str], list[OutcomeOf | None]] = {}
     for k, build in enumerate((one, other)):
         for outcome in overview.of_build(build.label, build.hash, COMPARED):
             key = (outcome.recording, outcome.hash, outcome.kind, outcome.source)

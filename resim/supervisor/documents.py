@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from resim.core.errors import InputError
-from resim.supervisor.places import is_utf8
+from resim.results.scanning import is_utf8
 
 TYPES = {
     ".html": "text/html; charset=utf-8", ".css": "text/css; charset=utf-8", ".json": "application/json",

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 from starlette.concurrency import run_in_threadpool
 
 from resim.core.errors import ResimError
+from resim.execution.workers import in_fresh_child
+from resim.results.scanning import is_up_to_date, scan_user_catalog
 from resim.supervisor.live import read_state
 
 if TYPE_CHECKING:
@@ -22,7 +24,10 @@ if TYPE_CHECKING:
 EVERY = 1.0
 """s between two looks whether anything changed."""
 SCAN = 20.0
-"""s between two looks into the registered folders."""
+"""s between two looks into the registered folders, and at least so many times as long as a look takes: REST."""
+REST = 20.0
+WHOLE = 15
+"""Every so many looks, builds are read again as well: the code that they name may have changed."""
 LOOK, LIVE_LOOK = 0.3, 0.04
 """s between two looks of a stream; of one that follows a simulation."""
 LIFE = 900.0
@@ -38,11 +43,13 @@ class Changes:
 
     Attributes:
         count: Another number after every change.
+        scanned: Whether the registered folders were looked at once.
     """
 
     def __init__(self, supervisor: Supervisor) -> None:
         self._supervisor = supervisor
         self.count = 0
+        self.scanned = False
         self._seen: object = None
         self._ending = threading.Event()
         self._threads = [threading.Thread(target=t, daemon=True) for t in (self._watch, self._scan)]
@@ -65,7 +72,7 @@ class Changes:
         while not self._ending.wait(EVERY):
             try:
                 s = self._supervisor
-                seen = (s.overview.version(), s.queue.version(), s.folders.version, s.worker.fault)
+                seen = (s.catalog.version(), s.queue.version(), self.scanned, s.worker.fault)
             except ResimError as e:
                 seen = str(e)  # type: ignore[assignment]
             if seen != self._seen:
@@ -73,11 +80,15 @@ class Changes:
                 self.count += 1
 
     def _scan(self) -> None:
+        looks = 0
         while not self._ending.is_set():
+            begin = time.monotonic()
             with suppress(OSError, ResimError):  # of folders that change while they are looked at
-                self._supervisor.folders.scan()
-                self._supervisor.folders.hash_recordings()
-            self._ending.wait(SCAN)
+                if looks % WHOLE == 0 or not is_up_to_date(self._supervisor.catalog):
+                    in_fresh_child(scan_user_catalog, None)
+                self.scanned = True
+            looks += 1
+            self._ending.wait(max(SCAN, REST * (time.monotonic() - begin)))
 
 
 async def stream(

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
-import threading
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
 
+from resim.results.catalog import Catalog
+from resim.results.lake import LakeItem, LakePage, LakeQuery, facts_of, find_page, items_with
 from resim.results.overview import CatalogOverview, OutcomeOf
 from resim.results.queue import QueuedTask, TaskQueue
-from resim.results.reading import VERIFIED
-from resim.supervisor.places import RegisteredFile, RegisteredFolders
+from resim.results.reading import VERDICTS, VERIFIED
 from resim.supervisor.words import tone
 
-CellState = Literal["good", "bad", "unsure", "done", "running", "waiting", "missing", "unknown"]
-"""done: it is there, and nothing was judged. unknown: it cannot be told (yet)."""
+CellState = Literal["good", "bad", "unsure", "done", "running", "waiting", "missing"]
+"""done: it is there, and nothing was judged."""
 STEPS = ("recorded", "assessed", "re-simulated")
 _JOBS = {"assess": "assessed", "run": "re-simulated", "verify": "verified"}
 _SOURCES = {("GT", "assessed"): "GT", ("GT", "re-simulated"): "rGT", ("SD", "assessed"): "SD",
             ("SD", "re-simulated"): "rSD"}  # fmt: skip
+_STATES: Mapping[str, CellState] = {"pass": "good", "fail": "bad", "failed": "bad", "invalid": "unsure"}
+"""By tone of the verdict."""
 RECENT = 300
 """Tasks that ended whose failures are shown."""
 
@@ -37,105 +37,75 @@ class StepCell:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A measured drive.
+    """A measured drive. tables: that it has. steps: by row (GT, SD) and step. verified: of both rows."""
 
-    id: 16 hex digits. file: where it is registered, None for one that the catalog alone knows. steps: by row (GT, SD)
-    and step. verified: of both rows.
-    """
-
-    id: str
-    name: str
-    place: str
-    hash: str
-    file: RegisteredFile | None
+    item: LakeItem
+    tables: tuple[str, ...]
     steps: Mapping[tuple[str, str], StepCell]
     verified: StepCell
 
-    @property
-    def states(self) -> set[CellState]:
-        """All states that a step of it has."""
-        return {self.verified.state, *(cell.state for cell in self.steps.values())}
-
 
 class Experiments:
-    """All measured drives, put together anew when anything changed."""
+    """Measured drives, a page at a time. Every method raises InputError where the catalog cannot be read."""
 
-    def __init__(self, overview: CatalogOverview, queue: TaskQueue, folders: RegisteredFolders) -> None:
-        self._overview, self._queue, self._folders = overview, queue, folders
-        self._lock = threading.Lock()
-        self._known: tuple[object, list[Experiment]] = (None, [])
+    def __init__(self, catalog: Catalog, queue: TaskQueue) -> None:
+        self._catalog, self._queue = catalog, queue
 
-    def all(self) -> list[Experiment]:
-        """Give all, by name. Raises InputError where the catalog cannot be read."""
-        version = (self._overview.version(), self._queue.version(), self._folders.version)
-        with self._lock:
-            if self._known[0] != version:
-                self._known = (version, self._made())
-            return self._known[1]
+    def page(self, text: str, state: str, first: int, most: int) -> tuple[list[Experiment], LakePage]:
+        """Give some drives by name, those alone with a step in a state; "" for any."""
+        found = find_page(self._catalog, self._query(text, state), sort="name", first=first, most=most)
+        return self._made(found.items), found
 
-    def _made(self) -> list[Experiment]:
-        files = self._folders.all("recording")
-        registered = {f.hash for f in files}
-        others = [r for r in self._overview.inputs("recording") if r.hash and r.hash not in registered]
-        outcomes: dict[str, list[OutcomeOf]] = defaultdict(list)
-        for outcome in self._overview.of_recordings([*registered, *(r.hash for r in others)]):
-            outcomes[outcome.hash].append(outcome)
+    def get(self, name: str) -> Experiment | None:
+        """Give a drive by its id, None where there is none."""
+        found = [i for i in items_with(self._catalog, [name]) if i.kind == "recording"]
+        return self._made(found)[0] if found else None
+
+    def _query(self, text: str, state: str) -> LakeQuery:
+        verdicts = tuple(v for v in VERDICTS if state and _STATES.get(tone(v)) == state)
+        judged = False if state == "missing" else None
+        folders = None
+        if state in ("running", "waiting"):
+            tasks = [t for t in self._queue.unfinished() if t.state == state and t.job in _JOBS]
+            folders = tuple(sorted({word for t in tasks for word in t.words if word.startswith("/")}))
+        return LakeQuery(text, ("recording",), verdicts=verdicts, judged=judged, folders=folders)
+
+    def _made(self, items: Sequence[LakeItem]) -> list[Experiment]:
+        outcomes: dict[str, list[OutcomeOf]] = {}
+        for outcome in CatalogOverview(self._catalog).newest_of(i.digest for i in items):
+            outcomes.setdefault(outcome.hash, []).append(outcome)
+        tables = facts_of(self._catalog, [i.id for i in items], "table")
         tasks = [*self._queue.unfinished(), *self._queue.ended(0, RECENT, bad=True)]
-        found = [_registered(f, outcomes[f.hash] if f.hash else [], tasks) for f in files]
-        for other in others:
-            name = hashlib.sha256(f"{other.name}\n{other.hash}".encode()).hexdigest()[:16]
-            steps = _steps(None, outcomes[other.hash], {})
-            place = other.path or "its folder is not registered"
-            found.append(
-                Experiment(
-                    name, other.name, place, other.hash, None, steps, _verified(outcomes[other.hash], {})
-                )
-            )
-        return sorted(found, key=lambda e: (e.name, e.place))
+        return [_experiment(i, tuple(tables.get(i.id, ())), outcomes.get(i.digest, []), tasks) for i in items]
 
 
-def _registered(
-    file: RegisteredFile, outcomes: Sequence[OutcomeOf], tasks: Iterable[QueuedTask]
+def _experiment(
+    item: LakeItem, tables: tuple[str, ...], outcomes: Sequence[OutcomeOf], tasks: Sequence[QueuedTask]
 ) -> Experiment:
     at_work: dict[str, QueuedTask] = {}
     for (
         task
     ) in tasks:  # those that run come first, then those that wait, then those that failed, the latest first
         step = _JOBS.get(task.job)
-        if step is not None and str(file.path) in task.words:
+        if step is not None and item.folder in task.words:
             at_work.setdefault(step, task)
-    steps = _steps(file, outcomes, at_work)
-    return Experiment(file.id, file.name, file.place, file.hash, file, steps, _verified(outcomes, at_work))
-
-
-def _steps(
-    file: RegisteredFile | None, outcomes: Sequence[OutcomeOf], tasks: Mapping[str, QueuedTask]
-) -> dict[tuple[str, str], StepCell]:
     steps: dict[tuple[str, str], StepCell] = {}
     for row in ("GT", "SD"):
-        steps[row, "recorded"] = _recorded(file, row)
+        there = row.lower() in tables
+        steps[row, "recorded"] = _recorded(item, row, there)
         for step in STEPS[1:]:
-            source = _SOURCES[row, step]
-            found = next((o for o in outcomes if o.source == source), None)
-            there = file is None or row.lower() in file.tables
-            steps[row, step] = _cell(found, tasks.get(step) if there else None, there)
-    return steps
+            found = next((o for o in outcomes if o.source == _SOURCES[row, step]), None)
+            steps[row, step] = _cell(found, at_work.get(step) if there else None, there)
+    verified = next((o for o in outcomes if o.kind == "verification" and o.verdict in VERIFIED), None)
+    return Experiment(item, tables, steps, _cell(verified, at_work.get("verified"), True))
 
 
-def _recorded(file: RegisteredFile | None, row: str) -> StepCell:
-    if file is None:
-        return StepCell("unknown", "not registered")
-    if row.lower() not in file.tables:
-        return StepCell("bad" if row == "GT" else "missing", "no file")
-    if file.fault:
+def _recorded(item: LakeItem, row: str, there: bool) -> StepCell:
+    if item.fault:
         return StepCell("bad", "cannot be read")
-    return StepCell("done", "there") if file.hash else StepCell("unknown", "being read")
-
-
-def _verified(outcomes: Sequence[OutcomeOf], tasks: Mapping[str, QueuedTask]) -> StepCell:
-    """The newest verification; that two builds are the same in a comparison verifies neither."""
-    found = next((o for o in outcomes if o.kind == "verification" and o.verdict in VERIFIED), None)
-    return _cell(found, tasks.get("verified"), True)
+    if not there:
+        return StepCell("bad" if row == "GT" else "missing", "no file")
+    return StepCell("done", "there")
 
 
 def _cell(found: OutcomeOf | None, task: QueuedTask | None, there: bool) -> StepCell:
@@ -146,9 +116,9 @@ def _cell(found: OutcomeOf | None, task: QueuedTask | None, there: bool) -> Step
         return StepCell("bad", "error", f"/tasks/{task.id}")
     if found is None:
         return StepCell("missing", "not yet" if there else "–")
-    link = f"/results/{found.result}"
-    states: dict[str, CellState] = {"pass": "good", "fail": "bad", "failed": "bad", "invalid": "unsure"}
-    return StepCell(states.get(tone(found.verdict), "done"), found.verdict or "done", link)
+    return StepCell(
+        _STATES.get(tone(found.verdict), "done"), found.verdict or "done", f"/results/{found.result}"
+    )
 
 
 def _is_later(task: QueuedTask, found: OutcomeOf) -> bool:

@@ -25,7 +25,7 @@ class FormField:
     """One parameter of a job.
 
     name: of the parameter. option: how the command line names it, such as "--seeds"; "" for an argument. off: of a
-    flag what switches it off. kind: what its values are. of: of a file which kind (`resim.supervisor.places`).
+    flag what switches it off. kind: what its values are. of: of a file which kind (`resim.results.entry.InputKind`).
     required: whether there must be a value; many: whether there may be several. default: what holds where none is
     given, as text. choices: of a choice. low, high: of a number.
     """

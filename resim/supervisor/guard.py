@@ -15,7 +15,7 @@ from starlette.datastructures import Headers, MutableHeaders, QueryParams
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from resim.supervisor.access import LIFE, Access, Role
+from resim.supervisor.access import LIFE, Access, Visitor
 from resim.supervisor.limits import RateLimit
 
 LARGEST_BODY = 64_000
@@ -112,25 +112,27 @@ class Guard:
         if scope["path"] == "/" and "token" in query and scope["method"] == "GET":
             if not self._tries.allows(client):
                 return PlainTextResponse("Too many tries.\n", 429, {"retry-after": "60"})
-            if (entering := self._access.token_role(query["token"])) is None:
+            if (entering := self._access.visitor(query["token"])) is None:
                 return self._refuse(401, "This token is not the one of this server.")
             return self._entered(entering)
         session = _cookie(headers, self._access.cookie)
-        if session is None or (role := self._access.session_role(session)) is None:
-            return self._refuse(401, "Open the address with the token that `resim serve` printed.")
-        if role != "run" and scope["method"] == "POST":
+        if session is None or (visitor := self._access.session(session)) is None:
+            return self._refuse(
+                401, "Open the address with your token, or the one that `resim serve` printed."
+            )
+        if not visitor.may_change and scope["method"] == "POST":
             return self._refuse(403, "The address that you came by lets you look only.")
-        scope.setdefault("state", {}).update(session=session, role=role)
+        scope.setdefault("state", {}).update(session=session, visitor=visitor)
         return None
 
-    def _entered(self, role: Role) -> Response:
+    def _entered(self, visitor: Visitor) -> Response:
         """Put a cookie into the browser, and send it to the same address without the token.
 
         By a page, not by a redirect: after a link in another program, a redirect gets no strict cookie.
         """
         answer = HTMLResponse(ENTERED, headers={"referrer-policy": "no-referrer"})
         answer.set_cookie(
-            self._access.cookie, self._access.new_session(role), max_age=LIFE, httponly=True, samesite="strict",
+            self._access.cookie, self._access.new_session(visitor), max_age=LIFE, httponly=True, samesite="strict",
             secure=self._door.secure,
         )  # fmt: skip
         return answer

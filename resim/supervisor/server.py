@@ -18,12 +18,13 @@ import uvicorn
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
-from resim.supervisor.access import ROLES, Access, Role, kept_key
+from resim.results.scanning import add_roots
+from resim.supervisor.access import Access, kept_key
 from resim.supervisor.app import make_app
 from resim.supervisor.forms import JobForm
 from resim.supervisor.guard import Door
 from resim.supervisor.parts import Supervisor, SupervisorSettings
-from resim.supervisor.places import RegisteredFolders
+from resim.supervisor.users import USERS, Role, Users
 
 Ready = Callable[[dict[Role, str], Path], None]
 MOST_CONNECTIONS = 300
@@ -92,25 +93,31 @@ def serve(
     first, once somebody may come. Raises InputError for what cannot be used.
     """
     check_options(options)
-    folders = RegisteredFolders(options.folders)
+    for folder in options.folders:
+        if not folder.is_dir():
+            raise InputError(folder, "is no folder", "Register folders with recordings, builds, suites.")
     with _bound(options.host, options.port) as listening:
         port = listening.getsockname()[1]
         door = _door(options, port)
-        access = Access(kept_key(data / "serve.key"), port)
+        users = Users(data / USERS)
+        if options.remote and not users.all():
+            problem = "lets others in, each with a token of their own, and there are no users"
+            raise InputError("--allow-remote", problem, "First: resim users add NAME --role administer")
+        access = Access(kept_key(data / "serve.key"), port, users, users_only=bool(options.remote))
         tasks = Path(os.path.realpath(options.tasks))
         tasks.mkdir(parents=True, exist_ok=True)
         audit = data / "audit.jsonl"
-        parts = SupervisorSettings(catalog, forms, folders, tasks, access, door, audit, options.jobs)
+        parts = SupervisorSettings(catalog, forms, tasks, access, door, audit, options.jobs)
         supervisor = Supervisor(parts)
-        supervisor.overview.version()  # a catalog that cannot be used is told of now
+        add_roots(catalog, options.folders)  # a catalog that cannot be used is told of now
         config = uvicorn.Config(
             make_app(supervisor), log_level="warning", access_log=False, server_header=False, proxy_headers=False,
             limit_concurrency=MOST_CONNECTIONS, timeout_keep_alive=10, timeout_graceful_shutdown=3, ws="none",
             h11_max_incomplete_event_size=16_000, ssl_certfile=options.certificate,
         )  # fmt: skip
-        addresses = {role: f"{door.origins[0]}/?token={access.tokens[role]}" for role in ROLES}
+        addresses = {role: f"{door.origins[0]}/?token={token}" for role, token in access.tokens.items()}
         page = data / OPENED
-        _write_page(page, addresses["run"])
+        _write_page(page, addresses.get("administer", door.origins[0]))
         try:
             ready(addresses, page)
             _Server(config, supervisor.changes.stop).run(sockets=[listening])

@@ -12,17 +12,28 @@ from urllib.parse import urlencode
 from starlette.requests import Request
 
 from resim.core.errors import InputError, ResimError
+from resim.jobs.lake import links_of
 from resim.results.entry import KINDS, CatalogEntry
-from resim.results.overview import ResultQuery
+from resim.results.lake import (
+    ITEM_KINDS,
+    SORTS,
+    LakeItem,
+    LakePage,
+    LakeQuery,
+    SortKey,
+    find_page,
+    with_content,
+)
 from resim.results.queue import QueuedTask
+from resim.results.reading import VERDICTS
+from resim.results.scanning import is_utf8, roots_of
 from resim.supervisor import documents
-from resim.supervisor.builds import KnownBuild, known_builds, pairs
+from resim.supervisor.builds import KnownBuild, build_id, known_builds, pairs
 from resim.supervisor.events import read_log
-from resim.supervisor.experiments import STEPS, Experiment
+from resim.supervisor.experiments import STEPS
 from resim.supervisor.forms import FormField
 from resim.supervisor.machine import machine_load
 from resim.supervisor.parts import Supervisor
-from resim.supervisor.places import is_utf8
 from resim.supervisor.runner import LOG
 
 EACH = 50
@@ -30,6 +41,7 @@ EACH = 50
 MOST_OUTCOMES = 500
 MOST_OPTIONS = 1_000
 LATEST = 8
+RESULTS = tuple(KINDS)
 Told = tuple[str, dict[str, Any]]
 
 
@@ -39,23 +51,28 @@ class MissingError(ResimError):
 
 @dataclass(frozen=True)
 class Paging:
-    """Which rows of how many are shown; links to the pages before and behind, "" where there are none."""
+    """Which rows of how many are shown, or of more than that; links to the pages before and behind, "" for none."""
 
     first: int
     last: int
     count: int
     before: str
     behind: str
+    capped: bool = False
 
 
-def _paging(request: Request, first: int, shown: int, count: int) -> Paging:
+def _paging(request: Request, first: int, shown: int, count: int, capped: bool = False) -> Paging:
     def link(start: int) -> str:
         given = {k: v for k, v in request.query_params.items() if k != "first"}
         return f"{request.url.path}?{urlencode({**given, 'first': str(start)})}"
 
     before = link(max(0, first - EACH)) if first > 0 else ""
-    behind = link(first + EACH) if first + shown < count else ""
-    return Paging(first + 1 if shown else 0, first + shown, count, before, behind)
+    behind = link(first + EACH) if first + shown < count or capped else ""
+    return Paging(first + 1 if shown else 0, first + shown, count, before, behind, capped)
+
+
+def _paging_of(request: Request, first: int, page: LakePage) -> Paging:
+    return _paging(request, first, len(page.items), page.count, page.capped)
 
 
 def _first(request: Request) -> int:
@@ -79,7 +96,7 @@ def task_of(supervisor: Supervisor, name: str) -> QueuedTask:
 
 def entry_of(supervisor: Supervisor, name: str) -> CatalogEntry:
     """Give a result by its id. Raises MissingError where there is none."""
-    found = supervisor.catalog.entries([name[:40]])
+    found = [e for e in supervisor.catalog.entries([name[:40]]) if e.kind in KINDS]
     if not found:
         raise MissingError("There is no such result.")
     return found[0]
@@ -107,7 +124,7 @@ def folder_of(supervisor: Supervisor, kind: str, name: str) -> Path:
 
 def dashboard(supervisor: Supervisor, request: Request) -> Told:
     """What the machine does, what is queued, what failed last, what came out last."""
-    newest, results = supervisor.overview.page(ResultQuery(), 0, LATEST)
+    newest = find_page(supervisor.catalog, LakeQuery(kinds=RESULTS), most=LATEST)
     unfinished = supervisor.queue.unfinished()
     return "dashboard.html", {
         "machine": machine_load(supervisor.settings.tasks),
@@ -115,10 +132,9 @@ def dashboard(supervisor: Supervisor, request: Request) -> Told:
         "waiting": [t for t in unfinished if t.state == "waiting"][:LATEST],
         "counts": supervisor.queue.counts(),
         "failed": supervisor.queue.ended(0, LATEST, bad=True),
-        "newest": newest,
-        "results": results,
-        "recordings": len(supervisor.folders.all("recording")),
-        "folders": [str(f) for f in supervisor.folders.folders],
+        "newest": newest.items,
+        "results": newest.count,
+        "recordings": find_page(supervisor.catalog, LakeQuery(kinds=("recording",)), most=1).count,
         "jobs": supervisor.settings.jobs,
     }
 
@@ -129,39 +145,33 @@ def dashboard(supervisor: Supervisor, request: Request) -> Told:
 def experiments(supervisor: Supervisor, request: Request) -> Told:
     """All measured drives, by name and state."""
     text, state, first = _text(request, "text"), _text(request, "state"), _first(request)
-    every = supervisor.experiments.all()
-    found = [e for e in every if _fits(e, text, state)]
-    shown = found[first : first + EACH]
+    shown, page = supervisor.experiments.page(text, state, first, EACH)
     return "experiments.html", {
-        "experiments": shown, "paging": _paging(request, first, len(shown), len(found)), "text": text,
-        "state": state, "steps": STEPS, "all": len(every), "left_out": supervisor.folders.left_out,
-        "scanned": supervisor.folders.scanned,
-        "folders": [str(f) for f in supervisor.folders.folders],
+        "experiments": shown, "paging": _paging_of(request, first, page), "text": text, "state": state,
+        "steps": STEPS, "scanned": supervisor.changes.scanned,
+        "folders": [str(f) for f in roots_of(supervisor.catalog)],
     }  # fmt: skip
-
-
-def _fits(experiment: Experiment, text: str, state: str) -> bool:
-    words = text.lower().split()
-    named = f"{experiment.name}\n{experiment.place}".lower()
-    fits = all(word in named or experiment.hash.startswith(word) for word in words)
-    return fits and (not state or state in experiment.states)
 
 
 def experiment(supervisor: Supervisor, request: Request) -> Told:
     """One measured drive: its files, steps and results, and the jobs that can be started with it."""
-    name = request.path_params["name"]
-    found = next((e for e in supervisor.experiments.all() if e.id == name), None)
+    found = supervisor.experiments.get(request.path_params["name"][:40])
     if found is None:
         raise MissingError("There is no such recording.")
-    results, count = supervisor.overview.page(ResultQuery(text=found.hash), 0, EACH if found.hash else 0)
+    one = found.item
     kinds = {"recording", "drive"}
     jobs = [
         (form, field.name)
         for form in supervisor.settings.forms
         for field in form.fields
-        if found.file is not None and kinds & {*field.of}
+        if one.host == supervisor.queue.host and kinds & {*field.of}
     ]
-    return "experiment.html", {"one": found, "results": results, "count": count, "steps": STEPS, "jobs": jobs}
+    told = LakeQuery(kinds=RESULTS, hashes=(one.digest,))
+    results = find_page(supervisor.catalog, told, most=EACH) if one.digest else LakePage((), 0, False)
+    return "experiment.html", {
+        "one": one, "tables": found.tables, "rows": found.steps, "verified": found.verified, "steps": STEPS,
+        "results": results.items, "count": results.count, "jobs": jobs,
+    }  # fmt: skip
 
 
 # builds
@@ -184,7 +194,9 @@ def build(supervisor: Supervisor, request: Request) -> Told:
     """The verdicts of one build, over all that was done with it, the newest first."""
     every = known_builds(supervisor.overview)
     one = _build(every, request.path_params["name"])
-    results = supervisor.overview.results_of_build(one.label, one.hash, MOST_OUTCOMES)
+    of = {"hashes": (one.hash,)} if one.hash else {"build": one.label}
+    query = LakeQuery(kinds=RESULTS, **of)
+    results = find_page(supervisor.catalog, query, most=MOST_OUTCOMES).items
     return "build.html", {"one": one, "results": results, "others": [b for b in every if b.id != one.id]}
 
 
@@ -215,11 +227,11 @@ def results(supervisor: Supervisor, request: Request) -> Told:
     """All results, the newest first."""
     kind, verdict, first = _text(request, "kind"), _text(request, "verdict"), _first(request)
     text = _text(request, "text")
-    query = ResultQuery(text, next((k for k in KINDS if k == kind), None), verdict)
-    found, count = supervisor.overview.page(query, first, EACH)
+    kinds = tuple(k for k in RESULTS if k == kind) or RESULTS
+    page = find_page(supervisor.catalog, LakeQuery(text, kinds, verdict=verdict), first=first, most=EACH)
     return "results.html", {
-        "results": found, "paging": _paging(request, first, len(found), count), "text": text, "kind": kind,
-        "verdict": verdict, "kinds": [*KINDS], "verdicts": supervisor.overview.verdicts(),
+        "results": page.items, "paging": _paging_of(request, first, page), "text": text, "kind": kind,
+        "verdict": verdict, "kinds": [*KINDS], "verdicts": VERDICTS,
     }  # fmt: skip
 
 
@@ -228,15 +240,30 @@ def result(supervisor: Supervisor, request: Request) -> Told:
     entry = entry_of(supervisor, request.path_params["name"])
     state = entry.state()
     there = state in ("there", "changed")
-    known = {f.hash: f.id for f in supervisor.experiments.all() if f.hash}
-    of_builds = {(b.label, b.hash): b.id for b in known_builds(supervisor.overview)}
     pages = documents.pages(entry.folder) if there else []
     return "result.html", {
         "one": entry, "state": state, "pages": [p for p in pages if "/" not in p],
         "below": [p for p in pages if "/" in p], "data": _data(entry.folder) if there else [],
-        "recordings": known, "builds": of_builds, "outcomes": entry.outcomes[:MOST_OUTCOMES],
-        "maker": _maker(supervisor, entry),
+        "links": _links(supervisor, entry), "outcomes": entry.outcomes[:MOST_OUTCOMES],
+        "maker": _maker(supervisor, entry), "command": links_of(supervisor.catalog, entry).command,
     }  # fmt: skip
+
+
+def _links(supervisor: Supervisor, entry: CatalogEntry) -> dict[int, str]:
+    """Addresses of the pages of what something follows from, by its place among these."""
+    known = with_content(supervisor.catalog, [i.hash for i in entry.inputs])
+    found = {k: link_to(known[i.hash][0]) for k, i in enumerate(entry.inputs) if i.hash in known}
+    builds = {
+        k: f"/builds/{build_id(i.name, i.hash)}" for k, i in enumerate(entry.inputs) if i.role == "build"
+    }
+    return found | (builds if entry.kind in KINDS else {})
+
+
+def link_to(item: LakeItem) -> str:
+    """Give the address of the page of something."""
+    if item.kind in KINDS:
+        return f"/results/{item.id}"
+    return f"/experiments/{item.id}" if item.kind == "recording" else f"/lake/{item.id}"
 
 
 def _maker(supervisor: Supervisor, entry: CatalogEntry) -> QueuedTask | None:
@@ -316,33 +343,83 @@ def job(supervisor: Supervisor, request: Request) -> Told:
 
 def _options(supervisor: Supervisor, field: FormField, given: Sequence[str]) -> list[tuple[str, str]]:
     """The files that may be chosen: their ids, and how they are called. Of very many the first, and those given."""
-    kinds = tuple("recording" if kind == "drive" else kind for kind in field.of)
-    every = supervisor.folders.all(*kinds)
-    found = [
-        (f.id, f"{f.name} – {f.place}") for k, f in enumerate(every) if k < MOST_OPTIONS or f.id in given
+    kinds = tuple(
+        kind for kind in ITEM_KINDS if kind in field.of or (kind == "recording" and "drive" in field.of)
+    )
+    every = supervisor.files(*kinds, most=MOST_OPTIONS) if kinds else []
+    shown = {i.id for i in every}
+    every += [
+        i for name in given if (i := _chosen(supervisor, name, kinds)) is not None and i.id not in shown
     ]
+    roots = roots_of(supervisor.catalog)
+    found = [(i.id, f"{i.name} – {_place(Path(i.folder).parent, roots)}") for i in every]
     if "result" in field.of:
-        newest, _ = supervisor.overview.page(ResultQuery(kind="run"), 0, EACH)
+        newest = find_page(supervisor.catalog, LakeQuery(kinds=("run",)), most=EACH).items
         found += [(f"result-{e.id}", f"run of {e.name}, {e.written[:16].replace('T', ' ')}") for e in newest]
     return found
 
 
-# search
+def _place(folder: Path, roots: Sequence[Path]) -> str:
+    """A folder as seen from the registered one that it is in."""
+    root = next((root for root in roots if folder.is_relative_to(root)), None)
+    return str(folder) if root is None else str(Path(root.name) / folder.relative_to(root))
 
 
-def search(supervisor: Supervisor, request: Request) -> Told:
-    """All that has a name, a path or a hash like this."""
-    text = _text(request, "text")
-    if not text.strip():
-        return "search.html", {"query": text, "drives": [], "builds": [], "results": [], "count": 0}
-    drives = [e for e in supervisor.experiments.all() if _fits(e, text, "")]
-    lower = text.lower()
-    of = [
-        b for b in known_builds(supervisor.overview) if lower in b.label.lower() or b.hash.startswith(lower)
-    ]
-    found, count = supervisor.overview.page(ResultQuery(text), 0, EACH)
-    return "search.html", {
-        "query": text, "drives": drives[:EACH], "builds": of[:EACH], "results": found, "count": count
+def _chosen(supervisor: Supervisor, name: str, kinds: Sequence[str]) -> LakeItem | None:
+    try:
+        return supervisor.file(name, kinds)
+    except InputError:
+        return None
+
+
+# who did what
+
+
+def trail(supervisor: Supervisor, request: Request) -> Told:
+    """What was done by whom. Raises MissingError for who may not see it."""
+    if request.state.visitor.role != "administer":
+        raise MissingError("There is no such page for you.")
+    return "trail.html", {"lines": supervisor.audit.last(MOST_OUTCOMES)}
+
+
+# the lake
+
+
+FILTERS = ("text", "tag", "maneuver", "place", "weather", "finding", "verdict", "build")
+
+
+def lake(supervisor: Supervisor, request: Request) -> Told:
+    """Everything that there is, by the filters of `resim lake find`."""
+    given = {name: _text(request, name) for name in (*FILTERS, "kind", "risk_above", "risk_below", "sort")}
+    kinds = tuple(k for k in ITEM_KINDS if k == given["kind"])
+    sort: SortKey = next((s for s in SORTS if s == given["sort"]), "written")
+    risks = {name: _number(given[name]) for name in ("risk_above", "risk_below")}
+    query = LakeQuery(kinds=kinds, **risks, **{name: given[name] for name in FILTERS})  # type: ignore[arg-type]
+    first = _first(request)
+    page = find_page(supervisor.catalog, query, sort=sort, first=first, most=EACH)
+    return "lake.html", {
+        "items": [(item, link_to(item)) for item in page.items], "paging": _paging_of(request, first, page),
+        "given": given, "query": given["text"], "kinds": ITEM_KINDS, "verdicts": VERDICTS, "sorts": [*SORTS],
+        "filtered": any(given.values()),
+    }  # fmt: skip
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def thing(supervisor: Supervisor, request: Request) -> Told:
+    """One thing of the lake: what it came from, and what came of it."""
+    found = supervisor.catalog.entries([request.path_params["name"][:40]])
+    if not found:
+        raise MissingError("There is no such thing.")
+    linked = links_of(supervisor.catalog, found[0])
+    return "thing.html", {
+        "one": found[0], "state": found[0].state(), "links": _links(supervisor, found[0]), "count": linked.count,
+        "followers": [(item, link_to(item)) for item in linked.followers], "command": linked.command,
     }  # fmt: skip
 
 
@@ -360,5 +437,7 @@ PAGES: Mapping[str, Callable[[Supervisor, Request], Told]] = {
     "/live": live,
     "/jobs": jobs,
     "/jobs/{name}": job,
-    "/search": search,
+    "/trail": trail,
+    "/lake": lake,
+    "/lake/{name}": thing,
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 import shutil
@@ -52,6 +53,7 @@ ROAD = load(ROOT / "networks" / "proving_ground.xodr")
 RUN_HERE = {
     "library.py",
     "resimulate_both.py",
+    "find_recordings.py",
     "my_pilot.py",
     "my_pilot.toml",
     "my_acc.py",
@@ -112,6 +114,17 @@ def test_the_library_example_prints_what_it_says() -> None:
     assert done.returncode == 0, done.stderr
     (expected,) = re.findall(r"print\(.*\)  # (.*)", said)
     assert done.stdout.strip() == expected
+
+
+def test_the_lake_is_asked_as_its_guide_says(tmp_path: Path) -> None:
+    said = example(GUIDES / "lake.md", "find_recordings.py")
+    begin = "from resim.jobs.lake import lake_add\nlake_add(['scenarios/cut_in_brake'])\n"
+    done = subprocess.run(
+        [sys.executable, "-c", begin + said], cwd=ROOT, capture_output=True, text=True, check=False,
+        env={**os.environ, "RESIM_CATALOG": str(tmp_path / "catalog.sqlite")},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "cut_in_brake" in done.stdout
 
 
 def test_the_guides_library_example_runs() -> None:

@@ -66,6 +66,13 @@ def test_what_pages_hold_is_in_it(unpacked: Path) -> None:
     assert [line for line in needed if line.startswith("plotly") and "extra ==" not in line] == []
 
 
+def test_what_migrates_catalogs_is_in_it(unpacked: Path) -> None:
+    versions = Path("resim", "results", "migrations", "versions")
+    held = [path.name for path in (ROOT / versions).glob("*.py")]
+    assert held
+    assert {path.name for path in (unpacked / versions).glob("*.py")} == {*held}
+
+
 @pytest.mark.slow
 def test_the_demo_works_from_it_alone(unpacked: Path, tmp_path: Path) -> None:
     """Also where no `adfunc` is installed: that of the example is taken."""

@@ -13,8 +13,9 @@ from sqlalchemy import create_engine, text
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
+from resim.results.database import address, engine, where
 from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
-from resim.results.tables import RESULT, address, engine, where
+from resim.results.tables import ITEM
 
 HASH = "68b76f997ff01c2d44bf22c0f9b9ea4e67737fab120d4a1615a1173006f5a03a"
 
@@ -115,7 +116,7 @@ def test_what_is_forgotten_leaves_nothing_behind(database: str) -> None:
     assert catalog.find() == [other]
     with engine(address(database)).connect() as connection:
         for table in ("resim_input", "resim_outcome"):
-            assert connection.execute(text(f"SELECT DISTINCT result FROM {table}")).scalars().all() == [
+            assert connection.execute(text(f"SELECT DISTINCT item FROM {table}")).scalars().all() == [
                 other.id
             ]
 
@@ -146,9 +147,10 @@ def test_processes_that_write_at_once_lose_nothing(database: str) -> None:
 def test_a_catalog_of_a_newer_resim_is_refused(database: str) -> None:
     Catalog(database).add(entry())
     with engine(address(database)).begin() as connection:
-        connection.execute(text("UPDATE resim_catalog SET version = 7"))
+        connection.execute(text("UPDATE resim_catalog SET version_num = 7"))
     with pytest.raises(
-        InputError, match=r"is a catalog of version 7, expected 1\. Use the resim that wrote it"
+        InputError,
+        match=r"is a catalog of version 7, expected 2 or an older one\. Use the resim that wrote it",
     ):
         Catalog(database).find()
 
@@ -158,7 +160,6 @@ def test_a_catalog_of_a_newer_resim_is_refused(database: str) -> None:
     [
         ("counts = '{not json'", "holds what no catalog has"),
         ("counts = '[1, 2]'", r"its row of '/results/late' is damaged: counts: expected a table"),
-        ("kind = 'zzz'", r"is damaged: kind: expected 'run', .*, found 'zzz'"),
         ("folder = x'ff00fe'", "is damaged|holds what no catalog has"),
     ],
 )
@@ -166,7 +167,7 @@ def test_a_row_that_was_altered_to_what_no_entry_is_is_told(tmp_path: Path, chan
     path = tmp_path / "catalog.sqlite"
     Catalog(str(path)).add(entry())
     with sqlite3.connect(path) as database:
-        database.execute(f"UPDATE resim_result SET {change}")
+        database.execute(f"UPDATE resim_item SET {change}")
     database.close()
     with pytest.raises(InputError, match=f"catalog.sqlite: .*{told}.*Remove the catalog"):
         Catalog(str(path)).find()
@@ -237,4 +238,4 @@ def test_paths_and_urls_of_files_are_the_same(tmp_path: Path, monkeypatch: pytes
     )
     assert create_engine(address("a.sqlite")).dialect.name == "sqlite"
     assert address("postgres://host/runs") == address("postgresql://host/runs")
-    assert RESULT.name.startswith("resim_")
+    assert ITEM.name.startswith("resim_")

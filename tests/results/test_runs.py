@@ -62,7 +62,7 @@ def test_results_of_every_kind_are_added_listed_and_shown(call: Call, made: Path
     assert "2: 0 PASS, 2 FAIL, 0" in out
     told = json.loads(call("runs", "show", made / "run", "--json")[1])
     assert [o["source"] for o in told["outcomes"]] == ["GT", "SD", "rGT", "rSD"]
-    assert {i["role"] for i in told["inputs"]} == {"recording", "build", "criteria"}
+    assert {i["role"] for i in told["inputs"]} == {"recording", "build", "criteria", "map"}
     code, _, error = call("runs", "list", "--verdict", "bad")
     assert code == 2
     assert "--verdict: there is no 'bad'. There are: PASS, FAIL, INVALID, failed, verified" in error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -31,25 +32,35 @@ def catalog(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return path
 
 
+@pytest.fixture(scope="session")
+def scanned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A catalog in which some of what ships is registered."""
+    from resim.results.catalog import Catalog
+    from resim.results.scanning import scan
+
+    path = tmp_path_factory.mktemp("scanned") / "catalog.sqlite"
+    scenarios = ("cut_in_brake", "overtake", "rear_end", "criteria", "suites", "sweeps")
+    scan(Catalog(str(path)), [*(ROOT / "scenarios" / name for name in scenarios), ROOT / "adfunc"])
+    return path
+
+
 @pytest.fixture
-def supervisor(catalog: str, tmp_path: Path) -> Any:
+def supervisor(catalog: str, scanned: Path, tmp_path: Path) -> Any:
     """A Supervisor whose worker does nothing."""
     from resim.cli.job_forms import job_forms
     from resim.results.catalog import Catalog
     from resim.supervisor.access import Access
     from resim.supervisor.guard import Door
     from resim.supervisor.parts import Supervisor, SupervisorSettings
-    from resim.supervisor.places import RegisteredFolders
+    from resim.supervisor.users import Users
 
-    folders = RegisteredFolders([ROOT / "scenarios", ROOT / "adfunc"])
-    folders.scan()
+    shutil.copy(scanned, catalog)
     door = Door((ORIGIN, "http://localhost:8765"))
     settings = SupervisorSettings(
         Catalog(catalog),
         job_forms(),
-        folders,
         tmp_path / "tasks",
-        Access(KEY, 8765),
+        Access(KEY, 8765, Users(tmp_path / "users.json")),
         door,
         tmp_path / "audit.jsonl",
     )
@@ -69,7 +80,7 @@ def client(supervisor: Any) -> Any:
 @pytest.fixture
 def user(supervisor: Any, client: Any) -> Any:
     """A browser that was let in."""
-    assert client.get("/", params={"token": supervisor.access.tokens["run"]}).status_code == 200
+    assert client.get("/", params={"token": supervisor.access.tokens["administer"]}).status_code == 200
     return client
 
 

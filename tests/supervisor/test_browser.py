@@ -30,7 +30,7 @@ PAGES = (
     "/jobs/run",
     "/tasks",
     "/live",
-    "/search?text=cut",
+    "/lake?text=cut",
 )
 
 
@@ -66,6 +66,12 @@ def opened(browser: Any, served: Callable[..., Any]) -> Iterator[Callable[..., A
     assert not faults
 
 
+def wait_for_scan(page: Any, address: str) -> None:
+    """Wait until all that is registered is there; suites are looked at last."""
+    page.goto(f"{address}/lake?kind=sweep-file")
+    page.locator("a", has_text="perception_latency").first.wait_for()
+
+
 def test_pages_fit_and_can_be_read(opened: Callable[..., Any], served: Callable[..., Any]) -> None:
     _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
     for width, dark in ((400, True), (2560, True), (1280, False)):
@@ -82,7 +88,7 @@ def test_pages_fit_and_can_be_read(opened: Callable[..., Any], served: Callable[
     page.keyboard.press("/")
     page.keyboard.type("cut_in_brake")
     page.keyboard.press("Enter")
-    page.wait_for_url("**/search?text=cut_in_brake")
+    page.wait_for_url("**/lake?text=cut_in_brake")
     page.click("main a:text-is('cut_in_brake')")
     page.wait_for_url("**/experiments/*")
     page.click("main a:text-is('run')")
@@ -94,6 +100,7 @@ def test_a_job_is_started_watched_and_found_again(
 ) -> None:
     server, address, token = served(ROOT / "scenarios")
     page = opened(address, token)
+    wait_for_scan(page, address)
     page.goto(f"{address}/jobs/play")
     page.select_option("#f-drives", label="cut_in_brake – scenarios")
     page.click("text=Start >> nth=-1")
@@ -126,6 +133,7 @@ def test_a_task_is_cancelled_by_one_and_seen_by_another(
 ) -> None:
     _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
     one, other = opened(address, token), opened(address, token)
+    wait_for_scan(one, address)
     one.goto(f"{address}/jobs/verify")
     one.select_option("#f-suite", label="highway – scenarios/suites")
     one.select_option("#f-build", label="highway_pilot-1.0 – adfunc/builds")
@@ -149,6 +157,7 @@ def test_a_simulation_is_seen_as_it_runs(opened: Callable[..., Any], served: Cal
     page = opened(address, token, viewport={"width": 1280, "height": 900})
     page.goto(f"{address}/live")
     assert "Nothing runs" in page.inner_text("main")
+    wait_for_scan(page, address)
     page.goto(f"{address}/jobs/verify")
     page.select_option("#f-suite", label="highway – scenarios/suites")
     page.select_option("#f-build", label="highway_pilot-1.0 – adfunc/builds")

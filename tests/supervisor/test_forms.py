@@ -123,14 +123,14 @@ def test_every_option_of_a_form_is_one_of_its_command(call: Any) -> None:
 
 
 def test_a_job_is_put_in_by_its_form(supervisor: Any, user: Any, seal: str) -> None:
-    (drive,) = [f for f in supervisor.folders.all("recording") if f.name == "cut_in_brake"]
+    (drive,) = [f for f in supervisor.files("recording", most=9) if f.name == "cut_in_brake"]
     page = user.get("/jobs/check", params={"recording": drive.id})
     assert f'value="{drive.id}" selected' in page.text
     answer = user.post("/jobs/check", data={"seal": seal, "recording": drive.id}, headers={"origin": ORIGIN})
     assert answer.status_code == 303
     (task,) = supervisor.queue.unfinished()
     assert answer.headers["location"] == f"/tasks/{task.id}"
-    assert (task.state, list(task.words)) == ("waiting", ["check", "--", str(drive.path)])
+    assert (task.state, list(task.words)) == ("waiting", ["check", "--", drive.folder])
     assert "cut_in_brake" in user.get("/tasks").text
     for act, state in (("first", "waiting"), ("cancel", "cancelled"), ("retry", "waiting")):
         headers = {"origin": ORIGIN}
@@ -155,7 +155,7 @@ def test_what_was_done_leaves_a_trace(supervisor: Any, user: Any, seal: str) -> 
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     path.unlink()
     path.mkdir()  # what leaves no trace is not done
-    drive = supervisor.folders.all("recording")[0].id
+    drive = supervisor.files("recording", most=9)[0].id
     with pytest.raises(OSError, match="Is a directory"):
         user.post("/jobs/check", data={"seal": seal, "recording": drive}, headers=headers)
     assert supervisor.queue.counts() == {}

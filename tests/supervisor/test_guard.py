@@ -10,25 +10,27 @@ import pytest
 
 from resim.core.errors import InputError
 from resim.results.queue import new_id
-from resim.supervisor.access import Access, kept_key
+from resim.supervisor.access import Access, Visitor, kept_key
 from resim.supervisor.limits import RateLimit, StreamLimit
+from resim.supervisor.users import Users
 
 ORIGIN = "http://127.0.0.1:8765"
 SECRET = "Dashboard"
+OWNER = Visitor("", "administer")
 
 
 def test_the_token_lets_in_once_and_a_cookie_from_then_on(supervisor: Any, client: Any) -> None:
     assert client.get("/").status_code == 401
-    answer = client.get("/", params={"token": supervisor.access.tokens["run"]})
+    answer = client.get("/", params={"token": supervisor.access.tokens["administer"]})
     assert answer.status_code == 200
     assert SECRET not in answer.text  # another page, whose address has no token
     cookie = answer.headers["set-cookie"]
     assert all(word in cookie for word in ("HttpOnly", "SameSite=strict", "Path=/"))
-    assert supervisor.access.tokens["run"] not in cookie
+    assert supervisor.access.tokens["administer"] not in cookie
     page = client.get("/")
     assert page.status_code == 200
     assert SECRET in page.text
-    assert supervisor.access.tokens["run"] not in page.text
+    assert supervisor.access.tokens["administer"] not in page.text
 
 
 def test_every_answer_forbids_what_a_page_needs_not(user: Any, client: Any) -> None:
@@ -57,7 +59,7 @@ def test_pages_have_no_script_and_no_style_in_them(user: Any) -> None:
         "/jobs",
         "/jobs/run",
         "/tasks",
-        "/search?text=cut",
+        "/lake?text=cut",
     ):
         text = user.get(path).text
         assert "<script>" not in text
@@ -82,8 +84,8 @@ def test_who_may_look_only_sees_all_and_changes_nothing(supervisor: Any, client:
         assert answer.status_code == 403
         assert "look only" in answer.text
     assert supervisor.queue.get(name).state == "waiting"
-    for changed in (session.replace(".look.", ".run."), session.replace(".look.", ".run.look.")):
-        assert supervisor.access.session_role(changed) is None
+    for changed in (session.replace(".look.", ".run."), session.replace(".look.", ".administer.look.")):
+        assert supervisor.access.session(changed) is None
 
 
 @pytest.mark.parametrize(
@@ -111,8 +113,8 @@ def test_tokens_are_not_guessed_fast(client: Any) -> None:
 )  # fmt: skip
 def test_a_wrong_cookie_lets_nobody_in(supervisor: Any, client: Any, cookie: str) -> None:
     access = supervisor.access
-    good = access.new_session("run")
-    late = f"1000000000.{'0' * 16}"
+    good = access.new_session(OWNER)
+    late = good.rpartition(".")[0].replace(good.partition(".")[0], "1000000000")
     told = cookie.format(
         good=good, seal=access._seal("session", "x"), late=f"{late}.{access._seal('session', late)}"
     )
@@ -120,10 +122,12 @@ def test_a_wrong_cookie_lets_nobody_in(supervisor: Any, client: Any, cookie: str
     assert client.get("/", headers=headers).status_code == (200 if told.strip() == good else 401)
 
 
-def test_a_cookie_of_another_key_or_twice_lets_nobody_in(supervisor: Any, client: Any) -> None:
-    other = Access(b"o" * 32, 8765).new_session("run")
+def test_a_cookie_of_another_key_or_twice_lets_nobody_in(
+    supervisor: Any, client: Any, tmp_path: Path
+) -> None:
+    other = Access(b"o" * 32, 8765, Users(tmp_path / "users.json")).new_session(OWNER)
     assert client.get("/", headers={"cookie": f"resim_8765={other}"}).status_code == 401
-    good = supervisor.access.new_session("run")
+    good = supervisor.access.new_session(OWNER)
     both = [("cookie", f"resim_8765={good}"), ("cookie", f"resim_8765={other}")]
     assert client.get("/", headers=both).status_code == 401
 
@@ -157,7 +161,7 @@ def test_forms_of_other_pages_are_refused(supervisor: Any, user: Any, seal: str,
 
 @pytest.mark.parametrize("given", ["", "x", "{other}"])
 def test_forms_without_the_seal_of_the_session_are_refused(supervisor: Any, user: Any, given: str) -> None:
-    other = supervisor.access.form_seal(supervisor.access.new_session("run"))
+    other = supervisor.access.form_seal(supervisor.access.new_session(OWNER))
     data = {"seal": given.format(other=other)}
     assert user.post("/jobs/check", data=data, headers={"origin": ORIGIN}).status_code == 403
     assert user.post("/jobs/check", headers={"origin": ORIGIN}).status_code in (403, 415)
@@ -211,10 +215,10 @@ def test_a_body_that_does_not_say_its_size_is_cut_off(user: Any) -> None:
 
 @pytest.mark.parametrize("name", ["'><script>alert(1)</script>", "</title><b>x", '" onfocus="x'])
 def test_what_is_searched_for_is_never_markup(user: Any, name: str) -> None:
-    for path in ("/search", "/results", "/experiments", "/builds"):
+    for path in ("/lake", "/results", "/experiments", "/builds"):
         text = user.get(path, params={"text": name, "state": name, "kind": name, "verdict": name}).text
         assert name not in text
-    assert "Search: {{7*7}}" in user.get("/search", params={"text": "{{7*7}}"}).text
+    assert 'value="{{7*7}}"' in user.get("/lake", params={"text": "{{7*7}}"}).text
 
 
 def test_too_many_requests_and_streams_are_refused() -> None:
@@ -244,7 +248,11 @@ def test_the_key_is_the_users_alone(tmp_path: Path) -> None:
         kept_key(path)
 
 
-def test_a_cookie_outlives_its_server_where_the_key_is_kept() -> None:
-    before, after = Access(b"k" * 32, 8765), Access(b"k" * 32, 8765)
-    assert after.session_role(before.new_session("run")) == "run"
-    assert after.token_role(before.tokens["run"]) is None
+def test_a_cookie_outlives_its_server_where_the_key_is_kept(tmp_path: Path) -> None:
+    users = Users(tmp_path / "users.json")
+    before, after = Access(b"k" * 32, 8765, users), Access(b"k" * 32, 8765, users)
+    assert after.session(before.new_session(OWNER)) == OWNER
+    assert after.visitor(before.tokens["administer"]) is None
+    alone = Access(b"k" * 32, 8765, users, users_only=True)  # lets in users, and nobody by an old cookie
+    assert alone.tokens == {}
+    assert alone.session(before.new_session(OWNER)) is None

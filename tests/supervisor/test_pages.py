@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import re
 import time
@@ -14,10 +13,9 @@ import pytest
 
 from resim.recordings.content import content_hash
 from resim.results.catalog import Catalog
-from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
+from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
 from resim.results.queue import new_id
 from resim.supervisor.documents import find_document
-from resim.supervisor.places import RegisteredFolders
 from resim.supervisor.words import size, tone
 
 ROOT = Path(__file__).parents[2]
@@ -67,10 +65,54 @@ def test_empty_pages_say_what_to_do(user: Any) -> None:
     assert "No recording fits" in user.get("/experiments?text=nothing here").text
 
 
+def test_everything_is_found_by_the_filters_of_the_command(user: Any, known: Catalog) -> None:
+    known.add(
+        entry(
+            facts=(CatalogFact("maneuver", "cut_in_left", 2.0, HASH), CatalogFact("risk", "GT", 0.25, HASH))
+        )
+    )
+    for query, count in (
+        ("", 20), ("kind=recording", 3), ("kind=recording&maneuver=cut_in", 1), ("kind=recording&risk_above=0.2", 1),
+        ("kind=recording&risk_below=0.2", 0), ("kind=recording&place=proving", 3), ("verdict=FAIL", 1),
+        ("text=pilot", 5),
+        ("risk_above=much", 20), ("kind=build&sort=name", 8), ("weather=fogdensity=excellent", 3),
+        ("finding=speed", 1),
+    ):  # fmt: skip
+        text = user.get(f"/lake?{query}").text
+        found = re.search(r"1 to \d+ of (\d+) things", text)
+        assert (int(found[1]) if found else 0) >= count > 0 or (count, found) == (0, None), query
+        assert "Nothing fits" in text or found
+    (drive,) = re.findall(
+        r'href="(/experiments/\w+)"', user.get("/lake?kind=recording&text=cut_in_brake").text
+    )
+    assert ">0.25<" in user.get(drive).text
+
+
+def test_one_click_leads_from_a_result_to_all_it_came_from_and_back(
+    supervisor: Any, user: Any, known: Catalog
+) -> None:
+    wanted = {"build": "highway_pilot-1.0", "criteria": "highway"}
+    files = {k: next(i for i in supervisor.files(k, most=20) if i.name == n) for k, n in wanted.items()}
+    (drive,) = [i for i in supervisor.files("recording", most=20) if i.name == "cut_in_brake"]
+    told = {"recording": drive, **files}
+    run = entry(inputs=tuple(CatalogInput(role, i.name, "", i.digest) for role, i in told.items()))
+    known.add(run)
+    page = user.get(f"/results/{run.id}").text
+    assert (
+        f"resim run {drive.folder} --build {files['build'].folder} --criteria {files['criteria'].folder}"
+        in page
+    )
+    for item in told.values():
+        (link,) = re.findall(rf'href="(/\w+/\w+)">{re.escape(item.name)}</a>', page)
+        assert f"/results/{run.id}" in user.get(link).text, item
+    assert user.get("/lake/nothing").status_code == 404
+
+
 def test_results_are_listed_filtered_and_paged(user: Any, known: Catalog) -> None:
     for day in range(1, 29):
         for k in range(2):
-            known.add(entry("drive", day, digest=f"{day}{k}", verdict="PASS" if k else "FAIL"))
+            verdict = "PASS" if k else "FAIL"
+            known.add(entry("drive", day, digest=f"{day}{k}", verdict=verdict, outcomes=()))
     page = user.get("/results").text
     assert "1 to 50 of 56 results" in page
     link = re.search(r'href="([^"]+)" rel="next"', page)
@@ -84,8 +126,6 @@ def test_results_are_listed_filtered_and_paged(user: Any, known: Catalog) -> Non
 def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
     supervisor: Any, user: Any, known: Catalog
 ) -> None:
-    assert cells(user.get("/experiments").text, "cut_in_brake")[0] == ("unknown", "being read")
-    supervisor.folders.hash_recordings()
     nothing = cells(user.get("/experiments").text, "cut_in_brake")
     assert nothing == [
         ("done", "there"), ("missing", "not yet"), ("missing", "not yet"), ("missing", "not yet"),
@@ -97,9 +137,9 @@ def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
         ("done", "there"), ("good", "PASS"), ("bad", "FAIL"), ("missing", "not yet"),
         ("done", "there"), ("missing", "not yet"), ("unsure", "INVALID"),
     ]  # fmt: skip
-    (drive,) = [f for f in supervisor.folders.all("recording") if f.name == "cut_in_brake"]
+    (drive,) = [f for f in supervisor.files("recording", most=9) if f.name == "cut_in_brake"]
     name = new_id()
-    supervisor.queue.add(name, "run", ("run", "--", str(drive.path)), f"/tasks/{name}")
+    supervisor.queue.add(name, "run", ("run", "--", drive.folder), f"/tasks/{name}")
     assert cells(user.get("/experiments?state=waiting").text, "cut_in_brake")[2] == ("waiting", "waiting")
     task = supervisor.queue.claim("me")
     assert cells(user.get("/experiments?state=running").text, "cut_in_brake")[2] == ("running", "running")
@@ -114,21 +154,11 @@ def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
 def test_a_result_of_other_content_is_not_taken_for_one_of_this_drive(
     supervisor: Any, user: Any, known: Catalog
 ) -> None:
-    supervisor.folders.hash_recordings()
     known.add(entry(inputs=(CatalogInput("recording", "cut_in_brake", "/other", "cd" * 32),)))
-    text = user.get("/experiments?text=cut_in_brake").text
-    assert "1 to 2 of 2 recordings" in text
-    assert {state for state, _ in cells(text.replace("/other", ""), "cut_in_brake")} & {
-        "bad",
-        "good",
-        "missing",
-    }
-    registered = text[text.index("/experiments/" + supervisor.folders.all("recording")[0].id) :]
-    assert "not yet" in registered.partition("</tbody>")[0]
+    assert [words for _, words in cells(user.get("/experiments").text, "cut_in_brake")].count("not yet") == 5
 
 
 def test_a_comparison_of_builds_verifies_no_drive(supervisor: Any, user: Any, known: Catalog) -> None:
-    supervisor.folders.hash_recordings()
     told = CatalogOutcome("cut_in_brake", "pilot-1.1", verdict="same")
     known.add(entry(kind="verification", verdict="within limits", outcomes=(told,)))
     assert cells(user.get("/experiments").text, "cut_in_brake")[3] == ("missing", "not yet")
@@ -171,7 +201,7 @@ def test_names_of_others_are_never_markup(supervisor: Any, user: Any, known: Cat
     pages = ["/", "/results", f"/results/{hostile.id}", "/builds", "/experiments", "/tasks", f"/tasks/{name}"]
     builds = re.findall(r'name="one" value="(\w+)"', user.get("/builds").text)
     pages += [f"/builds/{b}" for b in builds] + [
-        f"/search?text={EVIL}",
+        f"/lake?text={EVIL}",
         f"/builds/compare?one={builds[0]}&other={builds[1]}",
     ]
     for page in pages:
@@ -242,76 +272,6 @@ def test_no_document_leads_out_of_its_folder(tmp_path: Path, name: str) -> None:
         find_document(folder, name)
 
 
-def test_registered_folders_hold_what_jobs_need(tmp_path: Path) -> None:
-    places = RegisteredFolders([ROOT / "scenarios", ROOT / "adfunc", ROOT / "networks"])
-    places.scan()
-    names = {
-        kind: {f.name for f in places.all(kind)}
-        for kind in ("recording", "build", "suite", "sweep", "criteria")
-    }
-    assert {"cut_in_brake", "rear_end", "overtake"} <= names["recording"]
-    assert "highway_pilot-1.0" in names["build"]
-    assert names["suite"] == {p.stem for p in (ROOT / "scenarios" / "suites").glob("*.toml")}
-    assert names["sweep"] == {p.stem for p in (ROOT / "scenarios" / "sweeps").glob("*.toml")}
-    assert {"highway", "traffic"} <= names["criteria"]
-    assert {f.name for f in places.all("model")} >= {"none", "proving_ground"}
-    assert [f.name for f in places.all("kernels")] == ["motorway"]
-    assert "proving_ground" in {f.name.removesuffix(".xodr") for f in places.all("map")}
-
-
-def test_what_changes_in_a_registered_folder_is_seen(tmp_path: Path) -> None:
-    (tmp_path / "drive").mkdir()
-    places = RegisteredFolders([tmp_path])
-    places.scan()
-    assert places.all("recording") == []
-    for name in ("recording.toml", "gt.csv"):
-        (tmp_path / "drive" / name).write_bytes((DRIVE / name).read_bytes())
-    (tmp_path / "linked").symlink_to(DRIVE)
-    version = places.version
-    places.scan()
-    (found,) = places.all("recording")
-    assert places.version > version
-    assert (found.tables, found.hash, found.fault) == (("gt",), "", "")
-    places.hash_recordings()
-    assert "map" in places.get(found.id, ("recording",)).fault
-
-
-def test_a_changed_map_is_another_recording(tmp_path: Path) -> None:
-    for name in ("recording.toml", "gt.csv", "sd.csv", "plan.csv"):
-        target = tmp_path / "scenarios" / "drive" / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes((DRIVE / name).read_bytes())
-    road = tmp_path / "networks" / "proving_ground.xodr"
-    road.parent.mkdir()
-    road.write_bytes((ROOT / "networks" / "proving_ground.xodr").read_bytes())
-    places = RegisteredFolders([tmp_path / "scenarios"])
-
-    def digest() -> str:
-        places.scan()
-        return places.all("recording")[0].hash
-
-    assert digest() == ""
-    places.hash_recordings()
-    assert digest() == HASH
-    road.write_bytes(road.read_bytes() + b"<!-- -->\n")
-    assert digest() == ""  # nothing is said of it until it was read again
-    places.hash_recordings()
-    assert digest() not in ("", HASH)
-
-
-def test_names_that_are_no_text_hide_nothing_else(user: Any, supervisor: Any, tmp_path: Path) -> None:
-    for name in (b"good", b"bad\xff"):
-        folder = Path(os.fsdecode(os.fsencode(tmp_path / "drives") + b"/" + name))
-        folder.mkdir(parents=True)
-        (folder / "recording.toml").write_text("")
-    supervisor.folders.folders = (tmp_path / "drives",)
-    supervisor.folders.scan()
-    supervisor.folders.hash_recordings()
-    answer = user.get("/experiments")
-    assert answer.status_code == 200
-    assert "1 to 1 of 1 recordings" in answer.text
-
-
 def test_verdicts_that_are_not_known_are_never_good() -> None:
     assert [tone(v) for v in ("PASS", "FAIL", "INVALID", "failed", "", "new word")] == [
         "pass", "fail", "invalid", "failed", "none", "none"
@@ -322,21 +282,31 @@ def test_verdicts_that_are_not_known_are_never_good() -> None:
 def test_pages_of_many_drives_and_results_come_soon(supervisor: Any, user: Any, known: Catalog) -> None:
     from sqlalchemy import insert
 
-    from resim.results.tables import INPUT, OUTCOME, RESULT
+    from resim.results.tables import INPUT, ITEM, OUTCOME
 
     n = 3000
     with known.connected() as connection, connection.begin():
-        told = {"kind": "run", "host": "h", "digest": "d", "resim": "0", "verdict": "PASS", "counts": {}}
-        connection.execute(insert(RESULT), [
+        told = {
+            "kind": "run",
+            "host": "h",
+            "digest": "d",
+            "resim": "0",
+            "verdict": "PASS",
+            "counts": {},
+            "files": {},
+            "fault": "",
+        }
+        connection.execute(insert(ITEM), [
             {**told, "id": f"{k:016x}", "name": f"d{k}", "folder": f"/r/{k}",
              "written": f"2026-01-01T00:00:00.{k:06}+00:00"} for k in range(n)
         ])  # fmt: skip
         connection.execute(insert(INPUT), [
-            {"result": f"{k:016x}", "row": 0, "role": "recording", "name": f"d{k}", "path": "", "hash": f"{k:064x}"}
+            {"item": f"{k:016x}", "row": 0, "role": "recording", "name": f"d{k}", "path": "", "hash": f"{k:064x}"}
             for k in range(n)
         ])  # fmt: skip
         connection.execute(insert(OUTCOME), [
-            {"result": f"{k:016x}", "row": 0, "recording": f"d{k}", "build": "", "source": "rGT", "verdict": "PASS",
+            {"item": f"{k:016x}", "row": 0, "recording": f"d{k}", "hash": f"{k:064x}",
+             "build": "", "source": "rGT", "verdict": "PASS",
              "cause": ""} for k in range(n)
         ])  # fmt: skip
     user.get("/experiments")

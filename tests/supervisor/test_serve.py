@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from supervised import entered
+from supervised import entered, waited
 
 from resim.core.errors import InputError
 from resim.supervisor.server import ServeOptions, check_options
@@ -84,3 +84,15 @@ def test_the_token_is_the_users_alone(served: Callable[..., Any], tmp_path: Path
         headers = {name.lower() for name in client.get("/").headers}
         assert "server" not in headers
         assert client.get("/", headers={"host": "localhost"}).status_code == 421
+
+
+@pytest.mark.slow
+def test_the_demo_fills_a_lake_within_a_minute(served: Callable[..., Any]) -> None:
+    _, address, token = served("--demo")
+    with entered(address, token) as client:
+        waited(lambda: client.get("/lake?kind=verification").text.count('href="/results/') == 1, 60.0)
+        waited(
+            lambda: client.get("/lake?kind=recording&maneuver=lane_change").text.count("/experiments/") > 0,
+            60.0,
+        )
+        assert "re-simulated" in client.get("/experiments?state=bad").text

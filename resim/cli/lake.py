@@ -1,0 +1,265 @@
+"""`resim lake`: everything found again: recordings, maps, builds, results, and how they belong together."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from resim.cli.app import app, command
+from resim.cli.terminal import add_to_json, say, visible
+from resim.core.errors import InputError
+
+if TYPE_CHECKING:
+    from resim.jobs.lake import LakeLinks
+    from resim.results.lake import LakeItem
+    from resim.results.scanning import ScanCounts
+
+lake = typer.Typer(
+    help="The lake: recordings, maps, builds, results, ... registered, found again and linked by content.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(lake, name="lake")
+SHORT = 12
+"""Digits of a hash that are shown."""
+
+
+class SortChoice(StrEnum):
+    """What is listed first."""
+
+    written = "written"
+    name = "name"
+    risk = "risk"
+
+
+class TableFormat(StrEnum):
+    """How a table is printed."""
+
+    table = "table"
+    csv = "csv"
+
+
+def _option(help: str, metavar: str = "TEXT") -> Any:
+    return typer.Option(metavar=metavar, help=help)
+
+
+@command(lake)
+def add(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PATH...", help="Recordings, maps, builds, models, suites, results, or folders of them."
+        ),
+    ],
+) -> None:
+    """Register files and folders; nothing is copied. The content says what lies in a folder."""
+    from resim.jobs.lake import lake_add
+
+    _told(lake_add(paths, noted=_noted))
+
+
+@command(lake)
+def scan(
+    roots: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="PATH...", help="Where to look; default: all that is registered."),
+    ] = None,
+) -> None:
+    """Look what is new, changed and gone; a lost index is made again so, and is the same."""
+    from resim.jobs.lake import lake_scan
+
+    _told(lake_scan(roots or (), noted=_noted))
+
+
+@command(lake)
+def rm(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATH...", help="Registered files and folders.")],
+) -> None:
+    """Forget registered paths and all that is known below them; the files stay."""
+    from resim.jobs.lake import lake_rm
+
+    count = lake_rm(paths)
+    add_to_json(forgotten=count)
+    say(f"forgotten: {count}")
+
+
+def _noted(what: str, path: str) -> None:
+    say(f"{what}: {visible(path)}", err=True)
+
+
+def _told(counts: ScanCounts) -> None:
+    add_to_json(**asdict(counts))
+    for path in counts.absent:
+        say(f"resim: warning: {path} is not there; what is known of it stays", err=True)
+    say(f"{counts.seen} there: {counts.new} new, {counts.changed} changed; {counts.gone} gone")
+
+
+@command(lake)
+def find(
+    text: Annotated[
+        str,
+        typer.Argument(help="Beginnings of words of name, path or inputs, or the first digits of a hash."),
+    ] = "",
+    kind: Annotated[
+        list[str] | None, _option("Recording, map, build, run, ...; may be given several times.", "KIND")
+    ] = None,
+    tag: Annotated[str, _option("Beginning of KEY=VALUE in a recording's provenance.")] = "",
+    maneuver: Annotated[str, _option("Beginning of a label that was mined in a recording.")] = "",
+    place: Annotated[str, _option("Beginning of a map's name or hash.")] = "",
+    weather: Annotated[str, _option("Beginning of KEY=VALUE in a recording's environment.")] = "",
+    finding: Annotated[str, _option("Beginning of a code that `resim check` finds.")] = "",
+    risk_above: Annotated[float | None, _option("Accident risk of this or more.", "RISK")] = None,
+    risk_below: Annotated[float | None, _option("Accident risk below this.", "RISK")] = None,
+    verdict: Annotated[str, _option("Verdict over all, or of any recording.")] = "",
+    build: Annotated[str, _option("Beginning of a build's label or hash.")] = "",
+    sort: Annotated[
+        SortChoice, typer.Option(help="The newest first, by name, or the highest known risk.")
+    ] = SortChoice.written,
+    limit: Annotated[int, typer.Option(min=1, max=1_000_000, help="Rows at most.")] = 50,
+    format: Annotated[TableFormat, typer.Option(help="How rows are printed.")] = TableFormat.table,
+) -> None:
+    """Find anything by what is known of it."""
+    from resim.jobs.lake import SHOWN, the_catalog
+    from resim.results.lake import ITEM_KINDS, LakeQuery, find_page
+
+    if strange := [name for name in kind or () if name not in ITEM_KINDS]:
+        raise InputError("--kind", f"there is no {strange[0]!r}", f"There are: {', '.join(ITEM_KINDS)}.")
+    query = LakeQuery(
+        text, tuple(kind or ()), tag, maneuver, place, weather, finding, risk_above, risk_below, verdict,  # type: ignore[arg-type]
+        build,
+    )  # fmt: skip
+    page = find_page(the_catalog(), query, sort=sort.value, most=limit)
+    add_to_json(
+        found=[{name: getattr(item, name) for name in SHOWN} for item in page.items],
+        count=page.count,
+        capped=page.capped,
+    )
+    if format is TableFormat.csv:
+        _print_csv(page.items)
+        return
+    if not page.items:
+        say("nothing was found")
+        return
+    _print_items(page.items)
+    if page.count > len(page.items):
+        say(f"{len(page.items)} of {'more than ' if page.capped else ''}{page.count}", err=True)
+
+
+@command(lake)
+def show(
+    thing: Annotated[
+        str, typer.Argument(metavar="ID|PATH", help="Id, its first four or more digits, or the path.")
+    ],
+) -> None:
+    """Show what something is, what it came from, what came of it, and the command that makes it again."""
+    from resim.jobs.lake import lake_show
+
+    links = lake_show(thing)
+    entry = links.entry
+    add_to_json(
+        id=entry.id, kind=entry.kind, name=entry.name, path=str(entry.folder), host=entry.host,
+        state=entry.state(), digest=entry.digest, fault=entry.fault, command=links.command, facts=entry.facts,
+        origins=[{**asdict(i), "known": [item.id for item in items]} for i, items in links.origins],
+        followers=[item.id for item in links.followers], count=links.count,
+    )  # fmt: skip
+    _print_links(links)
+
+
+@command(lake)
+def backup(
+    file: Annotated[Path, typer.Argument(help="A new file, which you alone may read.")],
+) -> None:
+    """Keep what follows from no files: tasks, registered paths, audit trail, key of the tokens."""
+    from resim.jobs.lake import lake_backup
+
+    _counted("kept", lake_backup(file))
+
+
+@command(lake)
+def restore(
+    file: Annotated[Path, typer.Argument(help="What `resim lake backup` wrote.")],
+) -> None:
+    """Put back what a backup holds and is not there; then `resim lake scan` makes the index again."""
+    from resim.jobs.lake import lake_restore
+
+    _counted("put back", lake_restore(file))
+
+
+def _counted(what: str, counts: dict[str, int]) -> None:
+    add_to_json(**{name.replace(".", "_"): count for name, count in counts.items()})
+    say(f"{what}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+
+
+def _print_csv(items: tuple[LakeItem, ...]) -> None:
+    import csv
+    import io
+
+    from resim.jobs.lake import SHOWN
+
+    out = io.StringIO()
+    rows = csv.writer(out, lineterminator="\n")
+    rows.writerow(SHOWN)
+    for item in items:
+        told = (getattr(item, name) for name in SHOWN)
+        rows.writerow(" ".join(value) if isinstance(value, tuple) else value for value in told)
+    for line in out.getvalue().splitlines():
+        say(line)
+
+
+def _print_items(items: tuple[LakeItem, ...]) -> None:
+    from rich.table import Table
+
+    from resim.cli.verdicts import console
+    from resim.results.catalog import SHORT as DIGITS
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for head in ("id", "kind"):
+        table.add_column(head, no_wrap=True)
+    for head in ("name", "verdict", "risk", "build", "path"):
+        table.add_column(head, overflow="fold")
+    for item in items:
+        risk = "" if item.risk is None else f"{item.risk:.3g}"
+        table.add_row(
+            item.id[:DIGITS], item.kind, visible(item.name), item.verdict or ("unusable" if item.fault else ""),
+            risk, visible(", ".join(item.builds)), visible(item.folder),
+        )  # fmt: skip
+    console().print(table)
+
+
+def _print_links(links: LakeLinks) -> None:
+    from rich.table import Table
+
+    from resim.cli.verdicts import console
+
+    entry, out = links.entry, console()
+    told = {
+        "what": f"{entry.kind} {entry.name!r}", "id": entry.id, "path": f"{entry.folder} ({entry.state()})",
+        "host": entry.host, "written": f"{entry.written[:19].replace('T', ' ')} UTC",
+        "content": entry.digest or "not known", "fault": entry.fault, "verdict": entry.verdict,
+        "again": links.command,
+    }  # fmt: skip
+    for name, text in told.items():
+        if text:
+            out.print(f"{name:8} {visible(text)}", highlight=False, soft_wrap=True)
+    if entry.facts:
+        facts = Table("fact", "which", "how much", title="known of it")
+        for fact in entry.facts:
+            facts.add_row(fact.facet, visible(fact.name), "" if fact.value is None else f"{fact.value:.4g}")
+        out.print(facts)
+    came = Table("came from", "name", "content", "path", title="what it came from")
+    for i, items in links.origins:
+        came.add_row(
+            i.role,
+            visible(i.name),
+            i.hash[:SHORT] or "–",
+            visible(items[0].folder if items else i.path or "–"),
+        )
+    if links.origins:
+        out.print(came)
+    if links.followers:
+        say(f"what came of it: {links.count}")
+        _print_items(links.followers)

@@ -1,0 +1,256 @@
+"""The lake: register what there is, find it again, keep what is of its own; what `resim lake` does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from resim.core.errors import InputError
+from resim.jobs.given import path_of
+from resim.results.backup import back_up, restore
+from resim.results.catalog import Catalog, user_catalog
+from resim.results.database import VARIABLE, data_folder
+from resim.results.entry import CatalogEntry, CatalogInput
+from resim.results.lake import ITEM_KINDS, LakeItem, LakeQuery, SortKey, find_page, with_content
+from resim.results.scanning import Noted, ScanCounts, register, scan, unregister
+
+LINKED = 20
+"""How many results that followed from something are named."""
+SHOWN = (
+    "id",
+    "kind",
+    "name",
+    "verdict",
+    "risk",
+    "builds",
+    "maps",
+    "written",
+    "digest",
+    "folder",
+    "host",
+    "fault",
+)
+"""Columns of the table."""
+
+
+@dataclass(frozen=True)
+class LakeLinks:
+    """Something in the lake, what it came from and what came of it.
+
+    Attributes:
+        entry: All that is known of it.
+        origins: What it follows from, each with what the lake has of this content.
+        followers: The newest that follow from it.
+        count: How many these are.
+        command: That makes it again, "" where there is none.
+    """
+
+    entry: CatalogEntry
+    origins: tuple[tuple[CatalogInput, tuple[LakeItem, ...]], ...]
+    followers: tuple[LakeItem, ...]
+    count: int
+    command: str
+
+
+def the_catalog(catalog: str | None = None) -> Catalog:
+    """Give the catalog that is meant.
+
+    Args:
+        catalog: Its path or URL, None for the user's.
+
+    Returns:
+        The catalog.
+
+    Raises:
+        InputError: It is switched off, or is none.
+    """
+    found = user_catalog() if catalog is None else Catalog(catalog)
+    if found is None:
+        raise InputError(VARIABLE, "switches the catalog off", "Unset it, or name a file or database.")
+    return found
+
+
+def lake_add(
+    paths: Iterable[str | Path], *, catalog: str | None = None, noted: Noted = lambda what, path: None
+) -> ScanCounts:
+    """Register files and folders in the lake; nothing is copied.
+
+    Args:
+        paths: Recordings, maps, builds, results, ..., or folders that hold such.
+        catalog: Path or URL of the database, None for the user's.
+        noted: Is told what was done (new, changed, gone, unreadable) with what.
+
+    Returns:
+        How much was found.
+
+    Raises:
+        InputError: There is nothing at one of the paths, or the database cannot be used.
+    """
+    return register(the_catalog(catalog), [path_of(path) for path in paths], noted)
+
+
+def lake_scan(
+    roots: Iterable[str | Path] = (), *, catalog: str | None = None, noted: Noted = lambda what, path: None
+) -> ScanCounts:
+    """Look what is new, changed and gone.
+
+    Args:
+        roots: Where; none for all that is registered.
+        catalog: Path or URL of the database, None for the user's.
+        noted: Is told what was done (new, changed, gone, unreadable) with what.
+
+    Returns:
+        How much was found.
+
+    Raises:
+        InputError: The database cannot be used.
+    """
+    return scan(the_catalog(catalog), [path_of(root) for root in roots], noted)
+
+
+def lake_rm(paths: Iterable[str | Path], *, catalog: str | None = None) -> int:
+    """Forget registered paths and all below them; files stay.
+
+    Args:
+        paths: What was registered.
+        catalog: Path or URL of the database, None for the user's.
+
+    Returns:
+        How many entries were forgotten.
+
+    Raises:
+        InputError: The database cannot be used.
+    """
+    return unregister(the_catalog(catalog), [path_of(path) for path in paths])
+
+
+def lake_find(
+    *, sort: SortKey = "written", limit: int = 100, catalog: str | None = None, **filters: Any
+) -> pd.DataFrame:
+    """Find anything in the lake.
+
+    Args:
+        sort: written (the newest first), name, or risk (the highest first, where it is known).
+        limit: How many rows at most.
+        catalog: Path or URL of the database, None for the user's.
+        filters: Fields of `resim.results.lake.LakeQuery`: text, kinds, tag, maneuver, place, weather, finding,
+            risk_above, risk_below, verdict, build, hashes.
+
+    Returns:
+        A row each, with the columns of SHOWN.
+
+    Raises:
+        InputError: There is no such filter or kind, or the database cannot be used.
+    """
+    known = LakeQuery.__dataclass_fields__
+    if strange := [name for name in filters if name not in known]:
+        raise InputError("lake_find", f"there is no filter {strange[0]!r}", f"There are: {', '.join(known)}.")
+    if strange := [kind for kind in filters.get("kinds", ()) if kind not in ITEM_KINDS]:
+        raise InputError(
+            "lake_find", f"there is no kind {strange[0]!r}", f"There are: {', '.join(ITEM_KINDS)}."
+        )
+    found = find_page(the_catalog(catalog), LakeQuery(**filters), sort=sort, most=limit)
+    return pd.DataFrame(
+        [{name: getattr(item, name) for name in SHOWN} for item in found.items], columns=SHOWN
+    )
+
+
+def lake_show(wanted: str, *, catalog: str | None = None) -> LakeLinks:
+    """Give something in the lake with its links.
+
+    Args:
+        wanted: Its id, four or more digits of it, or its path.
+        catalog: Path or URL of the database, None for the user's.
+
+    Returns:
+        What it is, what it came from and what came of it.
+
+    Raises:
+        InputError: There is no such thing, or the database cannot be used.
+    """
+    lake = the_catalog(catalog)
+    return links_of(lake, lake.get(wanted, ITEM_KINDS))
+
+
+def links_of(lake: Catalog, entry: CatalogEntry) -> LakeLinks:
+    """Give what something came from and what came of it.
+
+    Args:
+        lake: The catalog.
+        entry: Something in it.
+
+    Returns:
+        It with its links.
+
+    Raises:
+        InputError: The database cannot be used.
+    """
+    known = with_content(lake, [i.hash for i in entry.inputs])
+    origins = tuple((i, tuple(known.get(i.hash, ()))) for i in entry.inputs)
+    after = find_page(lake, LakeQuery(hashes=(entry.digest,)), most=LINKED) if entry.digest else None
+    return LakeLinks(
+        entry, origins, after.items if after else (), after.count if after else 0, _command(entry, origins)
+    )  # fmt: skip
+
+
+_AGAIN = {
+    "run": ("run {recording}", {"build": "--build", "perception": "--perception", "criteria": "--criteria"}),
+    "verification": (
+        "verify {suite}", {"build": "--build", "against": "--against", "perception": "--perception"},
+    ),
+}  # fmt: skip
+"""Commands that make results again, and the options of what went in."""
+
+
+def _command(entry: CatalogEntry, origins: Iterable[tuple[CatalogInput, tuple[LakeItem, ...]]]) -> str:
+    """The command that makes a result again: of files whose content the lake has, "" where one is missing."""
+    import shlex
+
+    if entry.kind not in _AGAIN:
+        return ""
+    words, options = _AGAIN[entry.kind]
+    paths = {i.role: found[0].folder for i, found in origins if found}
+    needed = {i.role for i in entry.inputs} & {*options, words.partition("{")[2].rstrip("}")}
+    main = words.partition("{")[2].rstrip("}")
+    if main not in needed or not needed <= paths.keys():
+        return ""
+    command = ["resim", words.partition(" ")[0], paths[main]]
+    for role, option in options.items():
+        command += [option, paths[role]] if role in needed else []
+    return shlex.join(command)
+
+
+def lake_backup(file: str | Path, *, catalog: str | None = None) -> dict[str, int]:
+    """Write what follows from no files: tasks, registered paths, audit trail, key of the tokens.
+
+    Args:
+        file: A new file, which this user alone may read.
+        catalog: Path or URL of the database, None for the user's.
+
+    Returns:
+        How much of each there is.
+
+    Raises:
+        InputError: The file is there, or cannot be written.
+    """
+    return back_up(the_catalog(catalog), data_folder(), path_of(file))
+
+
+def lake_restore(file: str | Path, *, catalog: str | None = None) -> dict[str, int]:
+    """Put back what a backup holds and is not there; nothing that is there is changed.
+
+    Args:
+        file: What `lake_backup` wrote.
+        catalog: Path or URL of the database, None for the user's.
+
+    Returns:
+        How much of each was put back.
+
+    Raises:
+        InputError: It is no backup of this version.
+    """
+    return restore(the_catalog(catalog), data_folder(), path_of(file))

@@ -1,0 +1,109 @@
+"""What of a catalog follows from no files, and is lost with it: the queue and the registered paths; with the audit
+trail, the users and the key of the Supervisor's cookies, kept in one file."""
+
+from __future__ import annotations
+
+import json
+import os
+import tarfile
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import insert, select
+
+from resim.core.errors import InputError
+from resim.results.catalog import Catalog
+from resim.results.database import VERSION
+from resim.results.tables import ROOT, TASK
+
+STATE = (ROOT, TASK)
+OWN = ("audit.jsonl", "serve.key", "users.json")
+"""Files beside the catalog that are state, too."""
+_TABLES, _LARGEST = "tables.json", 1_000_000_000
+
+
+def back_up(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
+    """Write a backup that this user alone may read; says how much of each there is. data: folder of the user's files.
+
+    Raises InputError where the file is there already, or cannot be written.
+    """
+    with catalog.connected() as connection:
+        rows = {
+            table.name: [dict(row._mapping) for row in connection.execute(select(table))] for table in STATE
+        }
+    told = json.dumps({"resim-backup": VERSION, **rows}).encode()
+    counts = {name: len(of) for name, of in rows.items()}
+    try:
+        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "wb") as out, tarfile.open(fileobj=out, mode="w:gz") as archive:
+            for name in OWN:
+                if (data / name).is_file():
+                    _add(archive, name, (data / name).read_bytes())
+                    counts[name] = 1
+            _add(archive, _TABLES, told)
+    except FileExistsError:
+        raise InputError(file, "is there already", "Name a new file.") from None
+    except OSError as e:
+        file.unlink(missing_ok=True)  # half of it
+        raise InputError(file, f"cannot be written: {e.strerror}", "Name another file.") from e
+    return counts
+
+
+def restore(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
+    """Put back what a backup holds: tasks and paths that are not there, and files that are not; says how many of each.
+
+    Nothing that is there is changed. Raises InputError for what is no backup of this version.
+    """
+    rows, held = _read(file)
+    counts = {}
+    with catalog.changing() as connection:
+        for table in STATE:
+            keys = list(table.primary_key.columns)
+            known = {tuple(row) for row in connection.execute(select(*keys))}
+            new = [row for row in rows[table.name] if tuple(row[key.name] for key in keys) not in known]
+            if new:
+                connection.execute(insert(table), new)
+            counts[table.name] = len(new)
+    data.mkdir(parents=True, exist_ok=True)
+    for name, content in held.items():
+        try:
+            descriptor = os.open(data / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        except FileExistsError:
+            continue
+        with os.fdopen(descriptor, "wb") as out:
+            out.write(content)
+        counts[name] = 1
+    return counts
+
+
+def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:
+    member = tarfile.TarInfo(name)
+    member.size, member.mode = len(content), 0o600
+    archive.addfile(member, BytesIO(content))
+
+
+def _read(file: Path) -> tuple[dict[str, list[dict[str, Any]]], dict[str, bytes]]:
+    """Tables and files of a backup: by their names alone, so that nothing is written elsewhere."""
+    remedy = "Give a file that `resim lake backup` wrote."
+    held: dict[str, bytes] = {}
+    try:
+        with tarfile.open(file, "r:gz") as archive:
+            for member in archive:
+                content = archive.extractfile(member) if member.isfile() and member.size < _LARGEST else None
+                if member.name in (*OWN, _TABLES) and content is not None:
+                    held[member.name] = content.read()
+        told = json.loads(held.pop(_TABLES))
+        version = told["resim-backup"]
+        rows = {table.name: _rows(table, told[table.name]) for table in STATE}
+    except (OSError, EOFError, tarfile.TarError, ValueError, KeyError, TypeError) as e:
+        raise InputError(file, "is no backup that can be read", remedy) from e
+    if version != VERSION:
+        raise InputError(
+            file, f"is a backup of version {version}, expected {VERSION}", "Use the resim that wrote it."
+        )
+    return rows, held
+
+
+def _rows(table: Any, told: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{column.name: row[column.name] for column in table.columns} for row in told]

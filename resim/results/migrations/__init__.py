@@ -1,0 +1,1 @@
+"""Migrations of the catalog's database, by Alembic: one module a version in `versions/`."""

@@ -1,0 +1,74 @@
+"""What follows from no files is kept, and put back into an empty catalog."""
+
+from __future__ import annotations
+
+import io
+import stat
+import tarfile
+from pathlib import Path
+
+import pytest
+from conftest import Call
+
+from resim.core.errors import InputError
+from resim.results.backup import back_up, restore
+from resim.results.catalog import Catalog
+from resim.results.queue import TaskQueue, new_id
+from resim.results.scanning import register, roots_of
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_tasks_paths_audit_and_key_come_back(database: str, tmp_path: Path) -> None:
+    catalog, data, file = Catalog(database), tmp_path / "mine", tmp_path / "kept.tar.gz"
+    data.mkdir()
+    for name in ("audit.jsonl", "serve.key"):
+        (data / name).write_bytes(name.encode())
+    register(catalog, [ROOT / "networks" / "urban.xodr"])
+    queue = TaskQueue(catalog, "here")
+    for k in range(3):
+        queue.add(new_id(), "run", ("run", "--", f"/d {k}"), f"/tasks/{k}", ("--resume",))
+    queue.end(queue.claim("me"), "failed", code=2, told="why")  # type: ignore[arg-type]
+    counts = {"resim_root": 1, "resim_task": 3, "audit.jsonl": 1, "serve.key": 1}
+    assert back_up(catalog, data, file) == counts
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    lost = Catalog(str(tmp_path / "again.sqlite"))
+    assert restore(lost, tmp_path / "yours", file) == counts
+    again = TaskQueue(lost, "here")
+    assert (again.unfinished(), again.ended(0, 9)) == (queue.unfinished(), queue.ended(0, 9))
+    assert roots_of(lost) == roots_of(catalog)
+    assert (tmp_path / "yours" / "serve.key").read_bytes() == b"serve.key"
+    assert stat.S_IMODE((tmp_path / "yours" / "serve.key").stat().st_mode) == 0o600
+    assert again.cancel(again.unfinished()[0].id)
+    assert restore(lost, tmp_path / "yours", file) == {"resim_root": 0, "resim_task": 0}
+    assert again.counts()["cancelled"] == 1  # what is there stays as it is
+    with pytest.raises(InputError, match="is there already"):
+        back_up(catalog, data, file)
+
+
+def test_what_is_no_backup_changes_nothing(tmp_path: Path) -> None:
+    catalog, file = Catalog(str(tmp_path / "catalog.sqlite")), tmp_path / "kept.tar.gz"
+    for tables in (b"{}", b"[]", b'{"resim-backup": "2", "resim_root": [{}], "resim_task": []}', b"{"):
+        with tarfile.open(file, "w:gz") as archive:
+            for name, content in (("tables.json", tables), ("../evil", b"x"), ("serve.key", b"k")):
+                member = tarfile.TarInfo(name)
+                member.size = len(content)
+                archive.addfile(member, io.BytesIO(content))
+        with pytest.raises(InputError, match="is no backup that can be read"):
+            restore(catalog, tmp_path / "data", file)
+    file.write_bytes(b"no archive")
+    with pytest.raises(InputError, match="is no backup that can be read"):
+        restore(catalog, tmp_path / "data", file)
+    assert not (tmp_path / "data").exists()
+    assert not (tmp_path / "evil").exists()
+
+
+def test_the_commands(tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / "catalog.sqlite"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert call("lake", "add", ROOT / "networks" / "urban.xodr")[0] == 0
+    code, out, _ = call("lake", "backup", tmp_path / "kept")
+    assert (code, out.strip()) == (0, "kept: 1 resim_root, 0 resim_task")
+    monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / "other.sqlite"))
+    assert call("lake", "restore", tmp_path / "kept")[1].strip() == "put back: 1 resim_root, 0 resim_task"
+    assert call("lake", "scan")[1].strip() == "1 there: 1 new, 0 changed; 0 gone"
