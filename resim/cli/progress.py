@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 EVERY = 10.0
 """s between two lines where there is no terminal."""
+FEWEST = 3
+"""How many have to be done before anything is said of the rest: the first one bears what is loaded and prepared."""
 
 
 def _screen() -> TextIO:
@@ -96,7 +98,7 @@ class ProgressReporter:
     def _left(self, now: float) -> str:
         """How long it may take, in words; nothing where that cannot be told."""
         done = self.done - self._first
-        if self._total is None or not 0 < done < self._total - self._first:
+        if self._total is None or not FEWEST <= done < self._total - self._first:
             return ""
         left = (now - self._begin) / done * (self._total - self.done)
         return f", about {left:.0f} s left" if left < 100.0 else f", about {left / 60.0:.0f} min left"

@@ -20,7 +20,7 @@ LONGEST = 1.0
 """s to each side that a line reaches at most (our choice): a quarter of a lane change."""
 FINE, AVERAGED = 0.01, 0.5
 """Standard deviation (of the values' unit) to which values are averaged, and s to each side at most (our choice)."""
-BEYOND = 1.0
+BEYOND = 1.5
 """Standard deviations of an average beyond which it is below a limit, or above it again (our choice: misses and false
 labels are as many)."""
 FEWEST = 8

@@ -27,7 +27,8 @@ def test_a_line_now_and_then(clock: list[float], capsys: pytest.CaptureFixture[s
     out, error = capsys.readouterr()
     assert out == ""
     assert error.splitlines()[:2] == ["0 runs", "10 of 50 runs"]
-    assert error.splitlines()[2] == "12 of 50 runs, about 4 min left: 2 failed"
+    assert error.splitlines()[2] == "12 of 50 runs: 2 failed"  # too few to tell
+    assert error.splitlines()[3] == "14 of 50 runs, about 4 min left: 2 failed"
     assert error.splitlines()[-1] == "30 of 50 runs, about 2 min left: 2 failed"
     assert len(error.splitlines()) == 12
 
