@@ -10,17 +10,23 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
 from sqlalchemy import insert, select
 
 from resim.core.errors import InputError
+from resim.core.files import open_file
 from resim.results.catalog import Catalog
 from resim.results.database import VERSION
+from resim.results.queue import QueuedTask
 from resim.results.tables import ROOT, TASK
 
 STATE = (ROOT, TASK)
 OWN = ("audit.jsonl", "serve.key", "users.json")
 """Files beside the catalog that are state, too."""
 _TABLES, _LARGEST = "tables.json", 1_000_000_000
+_TASK = TypeAdapter(QueuedTask)
+_LATEST = 10_000_000_000
+"""s since 1970 of the latest time that anybody means; numbers of tasks are smaller."""
 
 
 def back_up(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
@@ -36,14 +42,17 @@ def back_up(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
     counts = {name: len(of) for name, of in rows.items()}
     try:
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        raise InputError(file, "is there already", "Name a new file.") from None
+    except (OSError, ValueError) as e:
+        raise InputError(file, f"cannot be written ({e})", "Name another file.") from e
+    try:
         with os.fdopen(descriptor, "wb") as out, tarfile.open(fileobj=out, mode="w:gz") as archive:
             for name in OWN:
                 if (data / name).is_file():
                     _add(archive, name, (data / name).read_bytes())
                     counts[name] = 1
             _add(archive, _TABLES, told)
-    except FileExistsError:
-        raise InputError(file, "is there already", "Name a new file.") from None
     except OSError as e:
         file.unlink(missing_ok=True)  # half of it
         raise InputError(file, f"cannot be written: {e.strerror}", "Name another file.") from e
@@ -56,6 +65,10 @@ def restore(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
     Nothing that is there is changed. Raises InputError for what is no backup of this version.
     """
     rows, held = _read(file)
+    try:
+        data.mkdir(parents=True, exist_ok=True)
+    except OSError as e:
+        raise InputError(data, f"cannot be made ({e.strerror})", "Name another folder.") from e
     counts = {}
     with catalog.changing() as connection:
         for table in STATE:
@@ -65,7 +78,6 @@ def restore(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
             if new:
                 connection.execute(insert(table), new)
             counts[table.name] = len(new)
-    data.mkdir(parents=True, exist_ok=True)
     for name, content in held.items():
         try:
             descriptor = os.open(data / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -88,7 +100,7 @@ def _read(file: Path) -> tuple[dict[str, list[dict[str, Any]]], dict[str, bytes]
     remedy = "Give a file that `resim lake backup` wrote."
     held: dict[str, bytes] = {}
     try:
-        with tarfile.open(file, "r:gz") as archive:
+        with open_file(file, remedy) as opened, tarfile.open(fileobj=opened, mode="r:gz") as archive:
             for member in archive:
                 content = archive.extractfile(member) if member.isfile() and member.size < _LARGEST else None
                 if member.name in (*OWN, _TABLES) and content is not None:
@@ -96,7 +108,7 @@ def _read(file: Path) -> tuple[dict[str, list[dict[str, Any]]], dict[str, bytes]
         told = json.loads(held.pop(_TABLES))
         version = told["resim-backup"]
         rows = {table.name: _rows(table, told[table.name]) for table in STATE}
-    except (OSError, EOFError, tarfile.TarError, ValueError, KeyError, TypeError) as e:
+    except (OSError, EOFError, tarfile.TarError, ValueError, KeyError, TypeError, RecursionError) as e:
         raise InputError(file, "is no backup that can be read", remedy) from e
     if version != VERSION:
         raise InputError(
@@ -106,4 +118,15 @@ def _read(file: Path) -> tuple[dict[str, list[dict[str, Any]]], dict[str, bytes]
 
 
 def _rows(table: Any, told: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{column.name: row[column.name] for column in table.columns} for row in told]
+    """Rows that a queue can hold. Raises ValueError, KeyError or TypeError for others."""
+    rows = [{column.name: row[column.name] for column in table.columns} for row in told]
+    for row in rows:
+        if table is TASK:
+            _TASK.validate_json(json.dumps(row), strict=True)
+        numbers = [v for v in row.values() if isinstance(v, int | float)]
+        texts = [v for v in row.values() if not isinstance(v, int | float | list | None)]
+        if not all(abs(n) < _LATEST for n in numbers) or not all(
+            isinstance(t, str) and "\0" not in t for t in texts
+        ):
+            raise ValueError("holds what no queue has")
+    return rows

@@ -143,7 +143,7 @@ class CatalogEntry:
             try:
                 if digest(self.folder, self.kind) == self.digest:
                     return "there"
-            except (OSError, InputError, ValueError, KeyError, TypeError):
+            except (OSError, InputError, ValueError, KeyError, TypeError, AttributeError):
                 pass
         elif mark.exists() and stamps(self.home, self.files) == self.files:
             return "there"

@@ -39,6 +39,8 @@ def input_kind(path: Path) -> InputKind | None:
     if path.name.endswith(".jscen.json"):
         return "scenario"
     try:
+        if not path.is_file():  # a pipe never ends
+            return None
         if path.suffix == ".json":
             with path.open("rb") as file:
                 head = file.read(400)

@@ -247,8 +247,9 @@ class TaskQueue:
         return self._own(task, state=state, code=code, told=told, ended=time.time(), stop=False)
 
     def put_aside(self, task: QueuedTask) -> bool:
-        """Note that a task which was to pause has stopped. Says whether this server still looked after it."""
-        return self._own(task, state="paused", begun=None, stop=False, told="")
+        """Note that a task which was to pause has stopped. Says whether it still was to, and this server's."""
+        pausing = TASK.c.told == PAUSING  # nobody cancelled it meanwhile
+        return self._own(task, pausing, state="paused", begun=None, stop=False, told="")
 
     def lose(self, task: QueuedTask) -> bool:
         """Let a task whose process was killed wait again at its place, or end it where that happened too often."""
@@ -257,8 +258,8 @@ class TaskQueue:
             return self.end(task, "lost", told=told)
         return self._own(task, state="waiting", losses=task.losses + 1, begun=None)
 
-    def _own(self, task: QueuedTask, **values: Any) -> bool:
-        mine = (TASK.c.server == task.server) & (TASK.c.attempt == task.attempt)
+    def _own(self, task: QueuedTask, also: Any = True, **values: Any) -> bool:
+        mine = (TASK.c.server == task.server) & (TASK.c.attempt == task.attempt) & also
         return self._change(task.id, ("running",), mine, **values)
 
     def _change(self, name: str, states: Sequence[str], also: Any = True, **values: Any) -> bool:

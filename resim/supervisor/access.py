@@ -55,14 +55,14 @@ class Access:
         """Give who comes with a token, of this server or of a user; None for any other text."""
         given = token.encode(errors="replace")
         same = [role for role, own in self.tokens.items() if hmac.compare_digest(given, own.encode())]
-        user = self._users.of_token(token)
         if same:
             return Visitor(OWNER, same[0])
+        user = self._users.of_token(token)
         return None if user is None else Visitor(user.name, user.role)
 
     def new_session(self, visitor: Visitor) -> str:
         """Give the value of a new cookie."""
-        known = self._users.all().get(visitor.name)
+        known = None if visitor.name == OWNER else self._users.all().get(visitor.name)
         mark = "" if known is None else known.mark
         told = f"{int(time.time()) + LIFE}.{visitor.role}.{visitor.name}.{mark}.{secrets.token_hex(8)}"
         return f"{told}.{self._seal('session', told)}"
@@ -92,20 +92,27 @@ class Access:
         """Say whether a form is one of this session."""
         return hmac.compare_digest(given.encode(), self.form_seal(session).encode())
 
-    def page_seal(self, name: str) -> str:
+    def page_seal(self, name: str, visitor: Visitor) -> str:
         """Give the part of an address under which the pages of a result are shown.
 
         They are shown without the cookie: they are documents from a folder, and must not act for who looks at them.
+        Of a user who is removed they are good no more.
         """
         until = int(time.time()) // 3600 * 3600 + LIFE + 3600  # the same one for an hour
-        return f"{until}-{self._seal('page', f'{until}-{name}')}"
+        return f"{until}.{visitor.name}.{self._page_seal(str(until), visitor.name, name)}"
 
     def is_page_seal(self, name: str, given: str) -> bool:
         """Say whether an address is of the pages of this result, and still good."""
-        until, _, seal = given.partition("-")
-        return hmac.compare_digest(
-            seal.encode(), self._seal("page", f"{until}-{name}").encode()
-        ) and _is_ahead(until)
+        until, _, rest = given.partition(".")
+        user, _, seal = rest.partition(".")
+        good = hmac.compare_digest(seal.encode(errors="replace"), self._page_seal(until, user, name).encode())
+        return (
+            good and _is_ahead(until) and (user in self._users.all() or (user == OWNER and bool(self.tokens)))
+        )
+
+    def _page_seal(self, until: str, user: str, name: str) -> str:
+        known = self._users.all().get(user) if user != OWNER else None
+        return self._seal("page", f"{until}.{user}.{'' if known is None else known.mark}.{name}")
 
     def _seal(self, what: str, told: str) -> str:
         return hmac.new(self._key, f"{what}\n{told}".encode(), hashlib.sha256).hexdigest()

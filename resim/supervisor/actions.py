@@ -15,7 +15,7 @@ from resim.supervisor.parts import Supervisor
 from resim.supervisor.views import MissingError, result_folder, task_of
 
 MOST_WAITING = 10_000
-"""Tasks that may wait."""
+"""Tasks that may wait or pause."""
 
 
 def start(supervisor: Supervisor, request: Request) -> str:
@@ -23,8 +23,7 @@ def start(supervisor: Supervisor, request: Request) -> str:
     form = supervisor.forms.get(request.path_params["job"])
     if form is None:
         raise MissingError("There is no such job.")
-    if supervisor.queue.counts().get("waiting", 0) >= MOST_WAITING:
-        raise FormError(f"{form.name}: {MOST_WAITING} tasks are waiting already")
+    _check_room(supervisor, form.name)
     name = new_id()
     folder = supervisor.settings.tasks / name
 
@@ -41,6 +40,12 @@ def start(supervisor: Supervisor, request: Request) -> str:
     return f"/tasks/{name}"
 
 
+def _check_room(supervisor: Supervisor, what: str) -> None:
+    counts = supervisor.queue.counts()
+    if counts.get("waiting", 0) + counts.get("paused", 0) >= MOST_WAITING:
+        raise FormError(f"{what}: {MOST_WAITING} tasks are waiting already")
+
+
 def _cancel(supervisor: Supervisor, name: str) -> bool:
     return supervisor.queue.cancel(name)
 
@@ -54,6 +59,7 @@ def _resume(supervisor: Supervisor, name: str) -> bool:
 
 
 def _retry(supervisor: Supervisor, name: str) -> bool:
+    _check_room(supervisor, name)
     return supervisor.queue.retry(name)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
@@ -180,7 +180,7 @@ def _sealed(supervisor: Supervisor) -> Callable[[Request], Response]:
     def found(request: Request) -> Response:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
         find_document(views.folder_of(supervisor, kind, name), path)
-        seal = supervisor.access.page_seal(f"{kind}/{name}")
+        seal = supervisor.access.page_seal(f"{kind}/{name}", request.state.visitor)
         return RedirectResponse(str(request.url.replace(path=f"/pages/{seal}/{kind}/{name}/{path}")), 303)
 
     return _missing(found)
@@ -229,9 +229,14 @@ def _events(supervisor: Supervisor) -> Callable[[Request], Any]:
         if not STREAMS.takes(client):
             return refusal(429, "Too many pages are open. Close some of them.")
 
+        def is_in() -> bool:
+            with suppress(ResimError):
+                return supervisor.access.session(client) is not None
+            return False
+
         async def sent() -> AsyncIterator[bytes]:
             try:
-                async for event in stream(supervisor, log, start, live):
+                async for event in stream(supervisor, log, start, live, is_in):
                     yield event
             finally:
                 STREAMS.leave(client)

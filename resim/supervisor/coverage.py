@@ -49,12 +49,13 @@ def newest_coverage(catalog: Catalog, most: int) -> list[SpaceCoverage]:
             coverage, unseen = told["coverage"], told["coverage"]["convergence"]["unseen"]
             found.append(
                 SpaceCoverage(
-                    item.id, item.name, item.written, told["scenarios"], told["hours"],
-                    (coverage["kinds"]["seen"], coverage["kinds"]["at_least"]),
-                    (unseen["value"], unseen["low"], unseen["high"]), coverage["convergence"]["converged"],
+                    item.id, item.name, item.written, int(told["scenarios"]), float(told["hours"]),
+                    (int(coverage["kinds"]["seen"]), float(coverage["kinds"]["at_least"])),
+                    (float(unseen["value"]), float(unseen["low"]), float(unseen["high"])),
+                    bool(coverage["convergence"]["converged"]),
                 )
             )  # fmt: skip
-        except (ResimError, LookupError, TypeError):
+        except (ResimError, LookupError, TypeError, ValueError, OverflowError):
             fault = "its folder is not here, or holds something else"
             found.append(SpaceCoverage(item.id, item.name, item.written, fault=fault))
     return found

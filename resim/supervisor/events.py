@@ -6,7 +6,7 @@ import asyncio
 import json
 import threading
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from resim.core.errors import ResimError
 from resim.execution.workers import in_fresh_child
 from resim.results.scanning import is_up_to_date, scan_user_catalog
 from resim.supervisor.live import read_state
+from resim.supervisor.processes import opened
 
 if TYPE_CHECKING:
     from resim.supervisor.parts import Supervisor
@@ -92,15 +93,23 @@ class Changes:
 
 
 async def stream(
-    supervisor: Supervisor, log: Path | None, start: int, live: Path | None = None
+    supervisor: Supervisor,
+    log: Path | None,
+    start: int,
+    live: Path | None = None,
+    is_in: Callable[[], bool] = lambda: True,
 ) -> AsyncIterator[bytes]:
     """Give events: `changed` after every change, `log` with what was appended to a file from `start` on, and `state`
-    with each state of the simulation of a task, whose folder is `live`.
+    with each state of the simulation of a task, whose folder is `live`. It ends when who asked for it is in no more.
     """
     changes, count, seen = supervisor.changes, supervisor.changes.count, 0
-    begin = told = time.monotonic()
+    begin = told = looked = time.monotonic()
     yield b"retry: 2000\n\n"
     while not changes.ended and time.monotonic() < begin + LIFE:
+        if time.monotonic() > looked + EVERY:
+            looked = time.monotonic()
+            if not is_in():
+                return
         if log is not None:
             text, start = await run_in_threadpool(read_log, log, start)
             if text:
@@ -108,9 +117,13 @@ async def stream(
                 yield f"event: log\nid: {start}\ndata: {json.dumps(text)}\n\n".encode()
         if live is not None:
             state, seen = read_state(live, seen)
-            if state is not None:
-                told = time.monotonic()
-                yield f"event: state\ndata: {json.dumps(state)}\n\n".encode()
+            with suppress(ValueError, RecursionError):  # of what no browser reads
+                event = (
+                    "" if state is None else f"event: state\ndata: {json.dumps(state, allow_nan=False)}\n\n"
+                )
+                if event:
+                    told = time.monotonic()
+                    yield event.encode()
         if changes.count != count:
             count, told = changes.count, time.monotonic()
             yield b"event: changed\ndata: {}\n\n"
@@ -123,7 +136,7 @@ async def stream(
 def read_log(path: Path, start: int) -> tuple[str, int]:
     """Give what stands in a log from a byte on, and where that ends; of a long rest the end."""
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             size = file.seek(0, 2)
             start = start if 0 <= start <= size else 0
             file.seek(max(start, size - MOST_LOG))

@@ -15,6 +15,7 @@ from starlette.datastructures import Headers, MutableHeaders, QueryParams
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from resim.core.errors import ResimError
 from resim.supervisor.access import LIFE, Access, Visitor
 from resim.supervisor.limits import RateLimit
 
@@ -81,7 +82,10 @@ class Guard:
             await send({"type": "websocket.close", "code": 1008})
             return
         headers = Headers(scope=scope)
-        refused = self._look(scope, headers)
+        try:
+            refused = self._look(scope, headers)
+        except ResimError as e:  # of the file of users
+            refused = self._refuse(500, str(e))
         if refused is None and scope["method"] == "POST":
             refused = await self._read_form(scope, headers, receive)
         await (refused or self._app)(scope, receive, self._with_headers(scope, send))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
 from resim.road.opendrive import VEHICLE_LANES, LaneShape, load
+from resim.supervisor.processes import opened
 from resim.supervisor.runner import LIVE
 
 AROUND, STEP = 400.0, 3.0
@@ -22,13 +24,12 @@ MOST_STATE = 300_000
 
 def read_state(folder: Path, seen: int = 0) -> tuple[dict[str, Any] | None, int]:
     """Give the latest state of a task's simulation, None where there is none or it is the one seen, and its stamp."""
-    file = folder / LIVE
     try:
-        stamp = file.stat().st_mtime_ns
-        if stamp == seen:
-            return None, seen
-        with file.open("rb") as opened:
-            found = json.loads(opened.read(MOST_STATE))
+        with opened(folder / LIVE) as file:
+            stamp = os.fstat(file.fileno()).st_mtime_ns
+            if stamp == seen:
+                return None, seen
+            found = json.loads(file.read(MOST_STATE))
     except (OSError, ValueError, RecursionError):
         return None, seen
     return (found, stamp) if isinstance(found, dict) else (None, seen)
@@ -45,9 +46,11 @@ def roads_around(folder: Path) -> dict[str, Any]:
     try:
         ego = state["boxes"][0]  # type: ignore[index]
         origin = np.array([float(ego[2]), float(ego[3])])
+        if not np.isfinite(origin).all():
+            return nothing
         file = Path(state["map"])  # type: ignore[index]
         shapes = _shapes(file, file.stat().st_mtime_ns)
-    except (OSError, ResimError, ValueError, TypeError, LookupError):
+    except (OSError, ResimError, ValueError, TypeError, LookupError, OverflowError):
         return nothing
     lanes, lines = [], []
     for shape in shapes:

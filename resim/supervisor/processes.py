@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import stat
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
 import psutil
 
+LARGEST = 100_000
+"""Bytes of a file that tells of a process."""
 CLOSE = 0.05
 """s by which two readings of the start of one process may differ."""
 
@@ -45,10 +49,20 @@ def write_whole(path: Path, told: dict[str, Any]) -> None:
     beside.replace(path)
 
 
+def opened(path: Path) -> BufferedReader:
+    """Open a file in a folder in which commands write; never waits. Raises OSError for a pipe, a device or a folder."""
+    number = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise OSError(f"{path} is no file")
+    return os.fdopen(number, "rb")
+
+
 def read_whole(path: Path) -> dict[str, Any]:
     """Read such a file; {} where it is not there, or is none."""
     try:
-        found = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError):
+        with opened(path) as file:
+            found = json.loads(file.read(LARGEST))
+    except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import os
 import socket
@@ -15,6 +16,7 @@ from types import FrameType
 from urllib.parse import urlsplit
 
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
@@ -28,6 +30,8 @@ from resim.supervisor.users import USERS, Role, Users
 
 Ready = Callable[[dict[Role, str], Path], None]
 MOST_CONNECTIONS = 300
+SLOWEST = 10.0
+"""s within which a connection has to ask for something: those that only hold a place lose it."""
 OPENED = "open.html"
 """File that sends a browser to the address: no other user sees the token in the list of processes."""
 
@@ -112,7 +116,8 @@ def serve(
         add_roots(catalog, options.folders)  # a catalog that cannot be used is told of now
         config = uvicorn.Config(
             make_app(supervisor), log_level="warning", access_log=False, server_header=False, proxy_headers=False,
-            limit_concurrency=MOST_CONNECTIONS, timeout_keep_alive=10, timeout_graceful_shutdown=3, ws="none",
+            limit_concurrency=MOST_CONNECTIONS, http=Impatient,
+            timeout_keep_alive=10, timeout_graceful_shutdown=3, ws="none",
             h11_max_incomplete_event_size=16_000, ssl_certfile=options.certificate,
         )  # fmt: skip
         addresses = {role: f"{door.origins[0]}/?token={token}" for role, token in access.tokens.items()}
@@ -123,6 +128,28 @@ def serve(
             _Server(config, supervisor.changes.stop).run(sockets=[listening])
         finally:
             page.unlink(missing_ok=True)
+
+
+class Impatient(H11Protocol):
+    """A connection that is closed where no request comes, or only drips."""
+
+    _last: object = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin to wait."""
+        super().connection_made(transport)
+        self.loop.call_later(SLOWEST, self._look)
+
+    def _look(self) -> None:
+        """Close it where no request was begun since the last look, and none is answered."""
+        if self.transport.is_closing():
+            return
+        answered = self.cycle is None or self.cycle.response_complete
+        if answered and self.cycle is self._last:
+            self.transport.abort()
+            return
+        self._last = self.cycle
+        self.loop.call_later(SLOWEST, self._look)
 
 
 class _Server(uvicorn.Server):

@@ -9,6 +9,7 @@ import json
 import os
 import re
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -54,6 +55,8 @@ class Users:
             return {}
         except OSError as e:
             raise InputError(self.path, f"cannot be read ({e.strerror})") from e
+        if not stat.S_ISREG(found.st_mode):
+            raise InputError(self.path, "is no file of users", REMEDY)
         if found.st_mode & 0o077:
             raise InputError(self.path, "may be read by other users", "Take that right away: chmod 600.")
         stamp = found.st_mtime_ns, found.st_size, found.st_ino
@@ -94,13 +97,14 @@ class Users:
                 fcntl.flock(lock, fcntl.LOCK_EX)
                 users = dict(self.all())
                 yield users
-                new = self.path.with_suffix(".new")
+                whole = Path(os.path.realpath(self.path))  # of a link what it leads to
+                new = whole.with_suffix(".new")
                 new.unlink(missing_ok=True)
                 file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
                 with os.fdopen(file, "w", encoding="utf-8") as out:
                     told = {name: {"role": one.role, "mark": one.mark} for name, one in sorted(users.items())}
                     out.write(json.dumps(told, indent=1) + "\n")
-                new.replace(self.path)
+                new.replace(whole)
         except OSError as e:
             raise InputError(self.path, f"cannot be written ({e.strerror})") from e
 
@@ -108,7 +112,7 @@ class Users:
         try:
             told = json.loads(self.path.read_text(encoding="utf-8"))
             users = {name: KnownUser(name, one["role"], one["mark"]) for name, one in told.items()}
-        except (OSError, ValueError, TypeError, KeyError, AttributeError) as e:
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as e:
             raise InputError(self.path, "is no file of users", REMEDY) from e
         if not all(
             NAME.fullmatch(n) and u.role in ROLES and isinstance(u.mark, str) for n, u in users.items()

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from resim.core.errors import ResimError
 from resim.results.queue import QueuedTask, TaskQueue, TaskState
-from resim.supervisor.processes import is_alive, number_of, process_name, read_whole, write_whole
+from resim.supervisor.processes import is_alive, number_of, opened, process_name, read_whole, write_whole
 from resim.supervisor.runner import BEGUN, EXIT, LOG, PATIENCE, TASK_FILE
 
 LOOK = 0.3
@@ -22,6 +22,7 @@ BEAT = 10.0
 """s between two words that this server is there."""
 MOST_STARTS = 5
 """How often a process is started that does not begin."""
+MOST_CODE = 1_000
 LAST_WORDS = 4_000
 """Bytes of the end of a log in which the reason is looked for."""
 _STATES: dict[int, TaskState] = {0: "done", 1: "bad"}
@@ -56,8 +57,10 @@ class Worker:
             try:
                 self.look()
                 self.fault = ""
-            except (ResimError, OSError) as e:  # of the database or the disk, which may pass
-                self.fault = str(e)
+            except (
+                Exception
+            ) as e:  # of the database or the disk, which may pass: without it nothing would be done
+                self.fault = str(e) if isinstance(e, (ResimError, OSError)) else f"{type(e).__name__}: {e}"
                 self._ending.wait(2.0)
 
     def look(self) -> None:
@@ -79,17 +82,20 @@ class Worker:
         folder = Path(task.folder)
         ended, begun = read_whole(folder / EXIT), read_whole(folder / BEGUN)
         if ended.get("attempt") == task.attempt:
-            code = int(ended["code"])
+            code = ended.get("code")
             self._forget(task)
+            if not isinstance(code, int) or abs(code) > MOST_CODE:
+                return self._queue.end(task, "failed", told=f"{EXIT} in its folder was altered")
             if task.stop and code not in (0, 1):
                 return self._stopped(task, code)
             told = "" if code == 0 else _reason(folder)
             return self._queue.end(task, _STATES.get(code, "failed"), code=code, told=told)
         child = self._children.get(task.id)
         is_begun = begun.get("attempt") == task.attempt
-        if is_begun and is_alive(str(begun["process"])):
+        process = str(begun.get("process", ""))
+        if is_begun and is_alive(process):
             if task.stop:
-                self._end(task, str(begun["process"]))
+                self._end(task, process)
             return False
         if child is not None and child.poll() is None:
             return False
@@ -148,7 +154,7 @@ class Worker:
 def _reason(folder: Path) -> str:
     """The last line of the log that says something."""
     try:
-        with (folder / LOG).open("rb") as log:
+        with opened(folder / LOG) as log:
             log.seek(0, os.SEEK_END)
             log.seek(max(0, log.tell() - LAST_WORDS))
             lines = log.read().decode(errors="replace").splitlines()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import json
+import os
 import stat
 import tarfile
 from pathlib import Path
@@ -72,3 +74,41 @@ def test_the_commands(tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / "other.sqlite"))
     assert call("lake", "restore", tmp_path / "kept")[1].strip() == "put back: 1 resim_root, 0 resim_task"
     assert call("lake", "scan")[1].strip() == "1 there: 1 new, 0 changed; 0 gone"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"words": 5}, {"words": ["a", 5]}, {"again": None}, {"state": "evil"}, {"created": 1e300}, {"id": {}},
+        {"attempt": "x"}, {"priority": 10**30}, {"folder": "/a\0b"}, {"folder": 5}, None,
+    ],
+)  # fmt: skip
+def test_a_backup_with_what_no_queue_has_is_refused(tmp_path: Path, change: dict[str, object] | None) -> None:
+    catalog, file = Catalog(str(tmp_path / "catalog.sqlite")), tmp_path / "kept.tar.gz"
+    queue = TaskQueue(catalog, "here")
+    queue.add("one", "run", ("run",), "/tasks/one")
+    back_up(catalog, tmp_path, file)
+    with tarfile.open(file) as archive:
+        told = json.loads(archive.extractfile("tables.json").read())  # type: ignore[union-attr]
+    told["resim_task"] = [{**told["resim_task"][0], "id": "two", **(change or {})}]
+    content = b"[" * 100_000 if change is None else json.dumps(told).encode()
+    with tarfile.open(file, "w:gz") as archive:
+        member = tarfile.TarInfo("tables.json")
+        member.size = len(content)
+        archive.addfile(member, io.BytesIO(content))
+    with pytest.raises(InputError, match="is no backup that can be read"):
+        restore(catalog, tmp_path, file)
+    assert queue.counts() == {"waiting": 1}
+
+
+def test_paths_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
+    catalog, file, pipe = Catalog(str(tmp_path / "c.sqlite")), tmp_path / "kept.tar.gz", tmp_path / "pipe"
+    back_up(catalog, tmp_path, file)
+    os.mkfifo(pipe)
+    for wrong in (file / "below", Path("a\0b")):
+        with pytest.raises(InputError, match="cannot be written"):
+            back_up(catalog, tmp_path, wrong)
+    with pytest.raises(InputError):
+        restore(catalog, tmp_path, pipe)
+    with pytest.raises(InputError, match="cannot be made"):
+        restore(catalog, file, file)

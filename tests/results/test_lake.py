@@ -206,3 +206,11 @@ def test_pages_are_the_same_whether_few_or_many_fit(
             pages.append(whole.items)
         assert pages[0] == pages[1] != (), query
     assert set(ITEM_KINDS) >= {"recording", "cluster", "sweep-file", "run"}
+
+
+@pytest.mark.parametrize("name", ["x.json", "x.toml"])
+def test_a_pipe_in_a_folder_holds_up_no_scan(tmp_path: Path, name: str) -> None:
+    from resim.results.inputs import input_kind
+
+    os.mkfifo(tmp_path / name)
+    assert input_kind(tmp_path / name) is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,7 @@ from swept import state_hashes
 from resim.core.errors import InputError
 from resim.recordings.content import content_hash
 from resim.results import write_parquet
-from resim.results.entry import CatalogInput
+from resim.results.entry import CatalogEntry, CatalogInput
 from resim.results.reading import VERDICTS, read_entry
 
 ROOT = Path(__file__).parents[2]
@@ -154,3 +155,8 @@ def test_what_is_no_result_is_told_in_one_line(
         read_entry(folder)
     with pytest.raises(InputError, match="is no folder of results"):
         read_entry(tmp_path)
+
+
+def test_a_run_that_says_nonsense_is_in_no_state_of_ours(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text('{"perception": "x", "times": 1, "checksum": ""}')
+    assert CatalogEntry("run", "x", tmp_path, platform.node(), "", "d", "", "").state() == "changed"
