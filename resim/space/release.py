@@ -216,6 +216,8 @@ def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
         )
     if left_out := sum(one.left_out for one in space.sources):
         yield f"{left_out} scenarios have no slots: of which kinds they are is not known"
+    if off := int((space.traces.lane < 0).sum()):
+        yield f"in {off} scenes the EGO is on no lane: who was around it is not known"
     if failed := [name for one in space.sources for name in one.failed]:
         yield f"{len(failed)} recordings could not be mined ({failed[0]}): what happened in them is not known"
 

@@ -217,6 +217,10 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
         assert any(
             words in found.statement for words in ("in no scenario", "could not be mined", "have no slots")
         )
+    off = replace(seen, traces=replace(seen.traces, lane=np.full_like(seen.traces.lane, -1)))
+    found = decided(off, frame, limits(0.1))  # without a lane all slots are empty: all would be of one kind
+    assert found.verdict == "not shown"
+    assert "the EGO is on no lane" in found.statement
     left_out = replace(cover(seen, frame), accidents=1)
     found = decide(seen, left_out, limits(0.1), HASHES)
     assert found.verdict == "not shown"
