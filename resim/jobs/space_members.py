@@ -21,11 +21,12 @@ from resim.recordings import Recording, read_recording
 from resim.recordings.content import refuse_changed
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.road.opendrive import load
+from resim.simulation.vehicles.kinematic import Kinematic
 from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
 from resim.space.model import Space, bucket_names
 from resim.space.traces import from_frame
 from resim.sweeps.result import SweepResult, read_swept
-from resim.verification.entries import MODEL, VerifiedRecording
+from resim.verification.entries import MODEL, RecordingSource, VerifiedRecording
 from resim.verification.folder import read as read_verification
 from resim.verification.report import VerificationReport
 
@@ -113,9 +114,10 @@ def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
     runs: list[SimulatedRun] = []
     drives, paths = [], {}
     for one in found.recordings:
-        if not isinstance(one, VerifiedRecording):
-            continue
-        key, path = one.hash or one.name, _path(folder, one.folder)
+        if one.hash is None:
+            problem = f"its recording {one.name!r} could not be read: what happened in it is not known"
+            raise InputError(folder, problem, "Mend it, and verify again.")
+        key, path = one.hash, _path(folder, one.folder)
         paths[key] = path
         refuse_changed(path, key)
         recording = read_recording(path)
@@ -125,10 +127,12 @@ def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
         repeat = (
             f"resim run {_shown(path)} --build {_shown(_path(folder, inputs.build.path))} --out out/repeated"
         )
+        if inputs.vehicle != Kinematic.name:
+            repeat += f" --vehicle {inputs.vehicle}"
         if inputs.perception is not None:
             repeat += f" --perception {_shown(_path(folder, inputs.perception.path))} --seeds 1"
         run = SimulatedRun("", key, build, perception, math.nan, hit, repeat=repeat)
-        runs += _runs(folder, one, run)
+        runs += _runs(folder, one, run) if isinstance(one, VerifiedRecording) else [_failed(folder, one, run)]
     moved = f"vehicle {inputs.vehicle}, traffic {inputs.traffic}"
     return Simulated(tuple(runs), tuple(drives), paths, inputs.build.label, build, perception, moved)
 
@@ -155,6 +159,13 @@ def _runs(folder: Path, one: VerifiedRecording, run: SimulatedRun) -> Iterator[S
     )  # it ends as the drive did; of another nobody says
     same = _same(run.recording, {}, "" if one.way == "rGT" else one.way, 0)
     yield replace(run, name=name, risk=math.nan if risk is None else risk, collided=collided, same=same)
+
+
+def _failed(folder: Path, one: RecordingSource, run: SimulatedRun) -> SimulatedRun:
+    """The run of a recording that could not be verified: nobody says how it ends."""
+    return replace(
+        run, name=f"{folder.name}:{one.name}", collided=None, same=_same(run.recording, {}, "failed", 0)
+    )
 
 
 def accidents(given: Iterable[Simulated]) -> set[str]:

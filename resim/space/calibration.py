@@ -61,12 +61,13 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
     """Compare predicted risk (K,) with collisions (K,), 1 or 0; NaN where either is not known.
 
     A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, and
-    neither is one of the drives that a bin needs, so that what is missing never makes it better; that they are too low
-    is told of known ones alone. Predictions that are too high are on the safe side.
+    neither is one of the drives that a bin needs, so that what is missing never makes it better: with a collision that
+    nothing predicted it is not shown. That they are too low is told of known ones alone. Predictions that are too high
+    are on the safe side.
     """
     unknown = np.isnan(predicted) | np.isnan(collided)
     told, hit = np.nan_to_num(predicted, nan=0.0), np.nan_to_num(collided, nan=1.0)
-    where = np.clip(np.searchsorted(EDGES, told, side="right") - 1, 0, len(EDGES) - 2)
+    where = _bin(told)
     held = np.unique(where).tolist()
     confidence = 1.0 - (1.0 - CONFIDENCE) / max(len(held), 1)
     bins = []
@@ -84,13 +85,21 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
         bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
     every = {one.verdict for one in bins}
     whole: Calibrated = (
-        "too low" if "too low" in every else "not shown" if every != {"calibrated"} else "calibrated"
-    )
+        "too low" if "too low" in every
+        else "not shown" if every != {"calibrated"} or hit[np.isnan(predicted)].any()
+        else "calibrated"
+    )  # fmt: skip
     return ReliabilityReport(tuple(bins), whole, len(told), int(unknown.sum()))
 
 
-def believed(report: ReliabilityReport | None, risk: float) -> bool:
-    """Say whether a predicted risk lies in a bin that is calibrated."""
-    if report is None or report.verdict != "calibrated" or not np.isfinite(risk):
+def believed(report: ReliabilityReport | None, low: float, high: float) -> bool:
+    """Say whether all bins from a predicted risk to another one are calibrated."""
+    if report is None or report.verdict != "calibrated" or not np.isfinite(low + high):
         return False
-    return any(one.low <= risk < one.high or risk == one.high == EDGES[-1] for one in report.bins)
+    first, last = (_bin(np.array([risk]))[0] for risk in (low, high))
+    return set(EDGES[first : last + 1]) <= {one.low for one in report.bins}
+
+
+def _bin(risk: Floats) -> np.ndarray:
+    """The bins of predicted risks."""
+    return np.clip(np.searchsorted(EDGES, risk, side="right") - 1, 0, len(EDGES) - 2)

@@ -75,7 +75,8 @@ def risk_limit(
     """Give the risk of a scenario of a cluster with limits of error probability alpha each.
 
     Members that do not count may make the upper limit larger, never smaller: it is the largest that any of them
-    together with those that count would give. calibration: of predicted risk; it is believed in bins that it covers.
+    together with those that count would give. calibration: of predicted risk; it is believed where it covers all bins
+    in which the mean could lie if nothing were missing: members that do not count did, and what is not known were.
     """
     if one is None or not one.values:
         return RiskLimit(np.nan, 0.0, 1.0, False)
@@ -85,8 +86,16 @@ def risk_limit(
     sums = total + np.concatenate([[0.0], np.cumsum(one.beside)])
     counts = count + np.arange(len(sums))
     high = float(exact(np.minimum(sums / counts, 1.0), counts, confidence=confidence)[1].max())
-    known = believed(calibration, total / count) and count >= least
+    means = _least_mean(one), float((sums / counts).max())
+    known = believed(calibration, *(min(max(mean, 0.0), 1.0) for mean in means)) and count >= least
     return RiskLimit(total / count, low, high if known else 1.0, known)
+
+
+def _least_mean(one: ClusterRisk) -> float:
+    """The least mean of members that count and any of the others, where what may be unknown is no accident."""
+    beside = np.sort(np.where(np.array(one.beside) == 1.0, 0.0, one.beside))
+    sums = sum(one.values) - one.unknown + np.concatenate([[0.0], np.cumsum(beside)])
+    return float((sums / (len(one.values) + np.arange(len(sums)))).min())
 
 
 def expected_accidents(

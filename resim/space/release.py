@@ -214,6 +214,10 @@ def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
             f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
             "and build it of them as well"
         )
+    if left_out := sum(one.left_out for one in space.sources):
+        yield f"{left_out} scenarios have no slots: of which kinds they are is not known"
+    if off := int((space.traces.lane < 0).sum()):
+        yield f"in {off} scenes the EGO is on no lane: who was around it is not known"
     if failed := [name for one in space.sources for name in one.failed]:
         yield f"{len(failed)} recordings could not be mined ({failed[0]}): what happened in them is not known"
 
@@ -271,6 +275,8 @@ def verdict_of(checks: Sequence[ReleaseCheck], believed: bool, unknown: Sequence
 def _budget(per: Per, found: AccidentTerms, limits: ReleaseLimits) -> AccidentBudget:
     limit = min((one.accidents for one in limits.limit if one.per == per), default=np.nan)
     known = IntervalEstimate(found.value, found.low, _finite(found.known), limits.confidence)
+    if np.isnan(found.value):
+        known = IntervalEstimate(np.nan, np.nan, np.nan, limits.confidence)
     return AccidentBudget(per, known, _finite(found.thin), _finite(found.unseen), _finite(found.high), limit)
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 from resim.core.geometry import Floats
 from resim.core.spec import EXACT, NumberOrNan
 from resim.space.calibration import ReliabilityReport, reliability
-from resim.space.members import SimulatedRun, TestDrive
+from resim.space.members import INSIDE, SimulatedRun, TestDrive
 from resim.space.model import Space
 from resim.space.statistics.rates import IntervalEstimate, share
 
@@ -157,7 +157,7 @@ def calibrated(
     verified has no prediction.
     """
     by_name = {one.cluster: one.risk.value for one in risks}
-    of = ["" if run.changed else cluster.get(run.recording, "") for run in held]
+    of = ["" if run.changed or run.trust != INSIDE else cluster.get(run.recording, "") for run in held]
     predicted = np.array([by_name.get(name, np.nan) for name in of], dtype=float)
     collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
     return reliability(predicted, collided)

@@ -11,11 +11,14 @@ import pytest
 from space.families import drawn
 from space.spaces import KINDS, space_of
 
-from resim.jobs.space_members import Simulated, _runs, accidents
+from resim.core.errors import InputError
+from resim.jobs.space_members import Simulated, _of_verification, _runs, accidents
+from resim.recordings.content import content_hash
 from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
 from resim.space.traces import joined
+from resim.verification.entries import FailedRecording
 
 BUCKET = "m-1, road 1 +, 3 lanes, 4 vehicles"
 DRIVE = TestDrive("drive", "drive", "b", "p", "verified", True)
@@ -111,6 +114,8 @@ def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
         risks, [replace(one, changed="perception.latency.speed is swept") for one in held], cluster
     )
     assert (swept.unknown, swept.verdict) == (200, "not shown")
+    outside = calibrated(risks, [replace(one, trust="outside") for one in held], cluster)
+    assert (outside.unknown, outside.verdict) == (200, "not shown")
 
 
 def test_a_run_that_is_there_again_is_no_further_evidence(space: Space) -> None:
@@ -153,19 +158,40 @@ def test_an_accident_of_a_test_drive_that_was_not_mined_is_told(space: Space) ->
     assert not_mined(mined, ["drive"], known()) == 0
 
 
+def write_drive(folder: Path, lead: float, driven_by: str) -> None:
+    """A recording of 3 s behind somebody who stands so many m ahead."""
+    rows = [
+        f"{0.1 * k:.1f},{name},{x + v * 0.1 * k},-5.25,0,{v},4.5,1.8,car"
+        for k in range(31) for name, x, v in (("ego", 300.0, 10.0), ("1", 300.0 + lead, 0.0))
+    ]  # fmt: skip
+    (folder / "gt.csv").write_text("\n".join(["t,id,x,y,heading,v,length,width,kind", *rows]) + "\n")
+    road = Path("networks/proving_ground.xodr").resolve()
+    (folder / "recording.toml").write_text(
+        f'name = "d"\nmap = "{road}"\nego = "ego"\nbuild = "b-1"\nbuild_hash = "{driven_by}"\n'
+    )
+
+
+def test_a_recording_that_could_not_be_verified_is_not_left_out(tmp_path: Path) -> None:
+    """It may hold an accident: of it nobody says how it ends."""
+    write_drive(tmp_path, 20.0, "b")
+    build = SimpleNamespace(hash="b", label="b-1", path="b.toml")
+    inputs = SimpleNamespace(against=None, build=build, perception=None, vehicle="single-track", traffic=None)
+    failed = FailedRecording("d", ".", content_hash(tmp_path), "error", "process died", True)
+    report = SimpleNamespace(inputs=inputs, recordings=[failed])
+    found = _of_verification(tmp_path, report)  # type: ignore[arg-type]
+    assert [(one.collided, np.isnan(one.risk)) for one in found.runs] == [(None, True)]
+    assert "--vehicle single-track" in found.runs[0].repeat
+    assert accidents([found]) == {failed.hash}
+    report.recordings = [replace(failed, hash=None)]
+    with pytest.raises(InputError, match="could not be read"):
+        _of_verification(tmp_path, report)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("lead", "driven_by", "told"), [(20.0, "b", {"k"}), (20.0, "c", set()), (60.0, "b", set())]
 )
 def test_recordings_in_which_the_build_collides_are_its_accidents(
     tmp_path: Path, lead: float, driven_by: str, told: set[str]
 ) -> None:
-    rows = [
-        f"{0.1 * k:.1f},{name},{x + v * 0.1 * k},-5.25,0,{v},4.5,1.8,car"
-        for k in range(31) for name, x, v in (("ego", 300.0, 10.0), ("1", 300.0 + lead, 0.0))
-    ]  # fmt: skip
-    (tmp_path / "gt.csv").write_text("\n".join(["t,id,x,y,heading,v,length,width,kind", *rows]) + "\n")
-    road = Path("networks/proving_ground.xodr").resolve()
-    (tmp_path / "recording.toml").write_text(
-        f'name = "d"\nmap = "{road}"\nego = "ego"\nbuild = "b-1"\nbuild_hash = "{driven_by}"\n'
-    )
+    write_drive(tmp_path, lead, driven_by)
     assert accidents([Simulated((), (), {"k": tmp_path}, "b-1", "b", "", "")]) == told

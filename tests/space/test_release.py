@@ -125,7 +125,10 @@ def some_space(seed: int) -> Space:
 
 @settings(deadline=None, max_examples=25)
 @given(
-    seed=st.integers(0, 10_000), part=st.sampled_from(["risk", "collided", "counts", "calibration", "hours"])
+    seed=st.integers(0, 10_000),
+    part=st.sampled_from(
+        ["risk", "collided", "counts", "calibration", "hours", "slots", "prediction", "outcome"]
+    ),
 )
 def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
     rng = np.random.default_rng(seed)
@@ -135,7 +138,10 @@ def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
     frame["counts"] = rng.random(len(frame)) < 0.8
     asked = limits(float(10.0 ** rng.uniform(-0.5, 2.5)), least_seen=0.3)
     lost = rng.random(len(frame)) < rng.random()
-    worse, calibration, poorer = frame.copy(), GOOD, space
+    held = np.repeat(EVERY[rng.random(len(EVERY)) < 0.8], 4000)
+    collided = (rng.random(len(held)) < held).astype(float)
+    well = reliability(held, collided)
+    worse, calibration, poorer = frame.copy(), well, space
     if part == "risk":
         worse.loc[lost, "risk"] = np.nan
     elif part == "collided":
@@ -144,19 +150,50 @@ def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
         worse.loc[lost, "counts"] = False
     elif part == "calibration":
         calibration = None
+    elif part in ("prediction", "outcome"):
+        unknown = np.where(rng.random(len(held)) < 0.01, np.nan, 0.0)
+        calibration = reliability(
+            held + unknown * (part == "prediction"), collided + unknown * (part == "outcome")
+        )
     else:
-        poorer = replace(space, sources=tuple(replace(one, hours=np.nan) for one in space.sources))
+        lost_of = {"hours": {"hours": np.nan}, "slots": {"left_out": 3}}[part]
+        poorer = replace(space, sources=tuple(replace(one, **lost_of) for one in space.sources))
     one, two = (
         release_case(s, cover(s, f, c), asked)
-        for s, f, c in ((space, frame, GOOD), (poorer, worse, calibration))
+        for s, f, c in ((space, frame, well), (poorer, worse, calibration))
     )
     before, after = (
-        verdict_of(release_checks(case, {per: case.accidents(per) for per in case.driven}), case.believed)
+        verdict_of(
+            release_checks(case, {per: case.accidents(per) for per in case.driven}),
+            case.believed,
+            case.unknown,
+        )
         for case in (one, two)
     )
     assert after != "good" or before == "good"
     assert two.accidents("hour").high >= one.accidents("hour").high - 1e-12
     assert all(b.high >= a.high - 1e-12 for a, b in zip(one.risk, two.risk, strict=True))
+
+
+@pytest.mark.parametrize("lost", ["risk", "counts"])
+def test_a_risk_that_rises_as_data_are_lost_is_believed_no_more(seen: Space, lost: str) -> None:
+    """The mean moves from a bin without held-out drives into one with them."""
+    frame = members(seen, 5000, 0.0)
+    mine = frame.index[frame["cluster"] == "1.2"]
+    frame.loc[mine, "risk"] = np.where(np.arange(5000) < 2000, 0.012, 0.0)
+    benign = reliability(np.repeat([0.0, 0.02], 4000), np.zeros(8000))
+    assert decided(seen, frame, limits(0.3), benign).verdict == "not shown"
+    if lost == "risk":
+        frame.loc[mine[:60], "risk"] = np.nan
+    else:
+        frame.loc[mine[2000:], "counts"] = False
+    assert decided(seen, frame, limits(0.3), benign).verdict == "not shown"
+    assert decided(seen, frame, limits(0.3)).verdict == "good"
+
+
+def test_where_nothing_is_known_no_interval_is_told(seen: Space) -> None:
+    known = decided(seen, members(seen, 5, 0.0), limits(0.3)).budgets[0].known
+    assert np.isnan([known.value, known.low, known.high]).all()
 
 
 def test_risk_is_believed_where_held_out_drives_have_such_a_risk(seen: Space) -> None:
@@ -173,11 +210,17 @@ def test_risk_is_believed_where_held_out_drives_have_such_a_risk(seen: Space) ->
 
 def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
     frame = members(seen, 5000, 0.0)
-    for changed in ({"accidents": {"b": 1}}, {"failed": ("r7",)}):
+    for changed in ({"accidents": {"b": 1}}, {"failed": ("r7",)}, {"left_out": 3}):
         other = replace(seen, sources=tuple(replace(one, **changed) for one in seen.sources))
         found = decided(other, frame, limits(0.1))
         assert found.verdict == "not shown"
-        assert "in no scenario" in found.statement or "could not be mined" in found.statement
+        assert any(
+            words in found.statement for words in ("in no scenario", "could not be mined", "have no slots")
+        )
+    off = replace(seen, traces=replace(seen.traces, lane=np.full_like(seen.traces.lane, -1)))
+    found = decided(off, frame, limits(0.1))  # without a lane all slots are empty: all would be of one kind
+    assert found.verdict == "not shown"
+    assert "the EGO is on no lane" in found.statement
     left_out = replace(cover(seen, frame), accidents=1)
     found = decide(seen, left_out, limits(0.1), HASHES)
     assert found.verdict == "not shown"

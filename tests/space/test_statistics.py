@@ -171,6 +171,12 @@ def test_predicted_risk_is_calibrated_or_not() -> None:
     unknown = np.where(rng.random(3000) < 0.5, np.nan, hit)
     assert reliability(predicted, unknown).verdict == "not shown"
     assert reliability(np.zeros(1), np.full(1, np.nan)).verdict == "not shown"
+    rare, often = np.full(200_000, 5e-5), np.full(40, 0.05)
+    hit = np.r_[np.zeros(200_000), np.repeat([1.0, 0.0], [10, 30])]
+    assert reliability(np.r_[rare, often], hit).verdict == "too low"
+    assert (
+        reliability(np.r_[rare, often * np.nan], hit).verdict == "not shown"
+    )  # collisions nothing predicted
 
 
 def test_how_far_two_distributions_are_apart_is_held() -> None:

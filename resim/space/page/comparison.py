@@ -63,8 +63,8 @@ def _kinds(found: SpaceComparison) -> Markup:
         "test case",
         f"in {found.one}",
         f"in {found.other}",
-        "share",
-        "share",
+        f"share in {found.one}",
+        f"share in {found.other}",
         "difference (95 %)",
     ]
     more = len(found.kinds) - LISTED

@@ -16,7 +16,7 @@ from resim.space.model import Space
 from resim.space.page.page import cluster_map
 from resim.space.page.words import header, interval, number, percent, section, write_page
 from resim.space.report import SpaceReport
-from resim.space.risk import ClusterRisk, CoverReport
+from resim.space.risk import ClusterRisk, CoverReport, WorstMember
 
 LISTED = 100
 """Clusters that are listed, the riskiest first."""
@@ -33,10 +33,13 @@ def write_cover_page(space: Space, told: SpaceReport, found: CoverReport, folder
         ("members that count", f"{sum(one.counted for one in found.clusters)} simulated, "
          f"{sum(one.measured for one in found.clusters)} driven"),
     )  # fmt: skip
-    risk = {one.cluster: one.risk.value for one in found.clusters}
+    risk = {
+        one.cluster: one.risk.high for one in found.clusters
+    }  # one drive without an accident tells little
     drawn = cluster_map(space, told, risk)
     surface = html(
-        "<p>Colour: expected accidents a scenario; grey: no member counts. Size: exposure.</p>{}", drawn
+        "<p>Colour: upper limit (95 %) of accidents a scenario; grey: no member counts. Size: exposure.</p>{}",
+        drawn,
     )
     parts = [
         header("Covered space", "Risk of each kind of scenario", facts, found.notes),
@@ -75,13 +78,17 @@ def _why(one: ClusterRisk) -> str:
 
 def _worst(found: CoverReport) -> Markup:
     every = [(one.cluster, member) for one in found.clusters for member in one.worst]
-    every.sort(key=lambda pair: (-np.nan_to_num(pair[1].risk, nan=1.0), pair[1].member))
+    every.sort(key=lambda pair: (-_counts_as(pair[1]), pair[1].member))
     rows = [
         [member.member, cluster, number(member.risk), {True: "yes", False: "no", None: "not known"}[member.collided],
          html("<code>{}</code>", member.repeat)]
         for cluster, member in every[:WORST]
     ]  # fmt: skip
     return table(["member", "cluster", "risk", "collided", "to repeat it"], rows)
+
+
+def _counts_as(one: WorstMember) -> float:
+    return 1.0 if one.collided is not False or np.isnan(one.risk) else float(one.risk)
 
 
 def calibration(found: ReliabilityReport | None) -> Markup:
