@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
@@ -35,11 +35,17 @@ def statistics(maneuvers: pd.DataFrame) -> list[tuple[str, int]]:
     return out
 
 
-def buckets(scenarios: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """Give Wagner's Table 6.1: a column per road and direction, a row per number of vehicles with the EGO."""
+def buckets(scenarios: pd.DataFrame, maps: Mapping[str, str]) -> tuple[list[str], list[list[str]]]:
+    """Give Wagner's Table 6.1: a column per map, road and direction, a row per number of vehicles with the EGO.
+
+    maps: of each recording the name of its map, which is told where there are several: roads of two maps may share ids.
+    """
     roads = scenarios["road"].where(scenarios["road"] != "", "no road")
     way = scenarios["along_s"].map({True: "with s", False: "against s"})
     column = roads + ", " + way + ", " + scenarios["lanes"].astype(str) + " lanes"
+    of = scenarios["recording"].map(maps)
+    if of.nunique() > 1:
+        column = of + ", road " + column
     table = pd.crosstab(scenarios["vehicles"], column)
     heads = ["vehicles", *map(str, table.columns)]
     return heads, [

@@ -35,7 +35,8 @@ def write_mined_page(
     """Write mined.html into the study's folder."""
     parts = [
         _header(report, maneuvers, scenarios), _section("Statistics", _numbers(maneuvers)),
-        _section("Scenarios", _scenarios(scenarios, folder)), _section("Kinds of scenarios", _kinds(maneuvers)),
+        _section("Scenarios", _scenarios(report, scenarios, folder)),
+        _section("Kinds of scenarios", _kinds(maneuvers)),
         _section("Over time", _over_time(report, maneuvers, folder)), _section("Recordings", _recordings(report)),
     ]  # fmt: skip
     body = html("<main>\n{}</main>", join(parts, "\n"))
@@ -69,10 +70,10 @@ def _numbers(maneuvers: pd.DataFrame) -> Markup:
     return html("{}<p>Every label:</p>{}", told, table(["label", "number"], rows))
 
 
-def _scenarios(scenarios: pd.DataFrame, folder: Path) -> Markup:
+def _scenarios(report: MiningReport, scenarios: pd.DataFrame, folder: Path) -> Markup:
     if not len(scenarios):
         return html("<p>No scenario was found.</p>")
-    heads, rows = buckets(scenarios)
+    heads, rows = buckets(scenarios, {part.recording: part.map for part in report.parts})
     mean = float(scenarios["duration"].mean())
     return html(
         "<p>On average {} s and {} vehicles.</p>{}{}<p>By road, direction, lanes, and vehicles with the EGO:</p>{}{}",
