@@ -73,7 +73,7 @@ def _numbers(maneuvers: pd.DataFrame) -> Markup:
 def _scenarios(report: MiningReport, scenarios: pd.DataFrame, folder: Path) -> Markup:
     if not len(scenarios):
         return html("<p>No scenario was found.</p>")
-    heads, rows = buckets(scenarios, {part.recording: part.map for part in report.parts})
+    heads, rows = buckets(scenarios, {part.recording: part.map or "some map" for part in report.parts})
     mean = float(scenarios["duration"].mean())
     return html(
         "<p>On average {} s and {} vehicles.</p>{}{}<p>By road, direction, lanes, and vehicles with the EGO:</p>{}{}",
