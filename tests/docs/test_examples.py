@@ -427,6 +427,7 @@ def test_the_build_of_somebody_elses_planner_is_as_the_guide_has_it() -> None:
     assert tomllib.loads(said) == tomllib.loads(build.read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_drives_whose_truth_is_known_are_made_as_the_guide_says(
     done: Done, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -398,6 +398,7 @@ values = [3.0, 4.0]
 """
 
 
+@pytest.mark.slow
 def test_a_sweep_judges_the_traffic_that_drove(tmp_path: Path) -> None:
     """An EGO that brakes is hit from behind on traces, and not by traffic that reacts, in every run and its KPIs."""
     size = {"kind": "car", "y": -5.25, "heading": 0.0, "v": 20.0, "length": 4.7, "width": 1.9}

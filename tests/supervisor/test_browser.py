@@ -128,6 +128,7 @@ def test_a_job_is_started_watched_and_found_again(
     assert "player:" in page.inner_text("#log")
 
 
+@pytest.mark.slow
 def test_a_task_is_cancelled_by_one_and_seen_by_another(
     opened: Callable[..., Any], served: Callable[..., Any], tmp_path: Path
 ) -> None:

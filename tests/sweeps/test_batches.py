@@ -298,6 +298,7 @@ def test_a_sweep_has_the_same_bytes_whatever_its_batches(
     assert (one.folder / table).read_bytes() == (two.folder / table).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_its_process_costs_itself_alone(
     call: Call, tmp_path: Path, write_build: Callable[..., Path]
 ) -> None:

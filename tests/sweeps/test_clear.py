@@ -9,6 +9,7 @@ from pathlib import Path
 import duckdb
 import numpy as np
 import pandas as pd
+import pytest
 from conftest import ROOT
 
 FUNCTION = """
@@ -81,6 +82,7 @@ def swept(home: Path, drive: str, last: float) -> pd.DataFrame:
     return duckdb.sql(f"select * from '{out}/runs/*.parquet' order by \"function.bend\"").df()
 
 
+@pytest.mark.slow
 def test_a_run_that_leaves_the_road_does_not_show_that_it_would_not_have_collided(tmp_path: Path) -> None:
     runs = swept(tmp_path, "whole", 6.0)
     assert runs["end"].tolist() == ["off_road", "duration", "off_road"]
@@ -92,6 +94,7 @@ def test_a_run_that_leaves_the_road_does_not_show_that_it_would_not_have_collide
     assert runs["same_decision"][1:].tolist() == [True, False]
 
 
+@pytest.mark.slow
 def test_who_is_not_seen_may_have_been_hit_though_no_criterion_asks(tmp_path: Path) -> None:
     runs = swept(tmp_path, "gone", 3.0)
     assert runs["end"][1] == "duration"

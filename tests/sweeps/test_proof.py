@@ -159,6 +159,7 @@ def test_each_shard_proves_its_own(sweep: Callable[..., tuple[int, str, Path]]) 
     assert sweep("Lies", more=("--shard", "2/3"))[0] == 2
 
 
+@pytest.mark.slow
 def test_who_is_too_slow_fails_whatever_the_batches(sweep: Callable[..., tuple[int, str, Path]]) -> None:
     tables = list[pd.DataFrame]()
     for workers in (1, 4):
