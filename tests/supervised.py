@@ -7,6 +7,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+PAGES = (
+    "/",
+    "/experiments",
+    "/builds",
+    "/results",
+    "/jobs",
+    "/jobs/run",
+    "/tasks",
+    "/live",
+    "/lake?text=cut",
+)
+"""Pages that are there whatever the catalog holds."""
+
 
 def waited(condition: Callable[[], Any], seconds: float = 30.0) -> Any:
     """Wait until something is so, and give what it is."""

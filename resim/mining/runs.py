@@ -19,6 +19,11 @@ def changes(*columns: NDArray[np.generic]) -> Ints:
     return np.cumsum(new)
 
 
+def bounds(group: NDArray[np.generic]) -> Ints:
+    """Give where the groups (K,) begin, and K behind the last: (G + 1,), of one sample or more."""
+    return np.concatenate([[0], np.flatnonzero(np.diff(group)) + 1, [len(group)]])
+
+
 def stretches(holds: Bools, group: NDArray[np.generic]) -> tuple[Ints, Ints]:
     """Give the first and last samples (R,), (R,) of the longest stretches that hold and are of one group (K,)."""
     if not len(holds):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.core.geometry import Bools, Floats
-from resim.mining.runs import stretches
+from resim.mining.runs import bounds, stretches
 
 LONGEST = 1.0
 """s to each side that a line reaches at most (our choice): a quarter of a lane change."""
@@ -39,7 +39,7 @@ def slope(t: Floats, values: Floats, piece: NDArray[np.integer], precision: floa
 
     if not len(t):
         return np.zeros(0)
-    first = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [len(t)]])
+    first = bounds(piece)
     half = half_widths(t, values, first, precision)
     return np.asarray(kernel.slopes(t - t[0], values, first, half))
 
@@ -52,7 +52,7 @@ def shortening(t: Floats, values: Floats, piece: NDArray[np.integer], precision:
     """
     if not len(t):
         return np.zeros(0)
-    first = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [len(t)]])
+    first = bounds(piece)
     lost = [
         (half - 1) * float(np.median(np.diff(t[low:high]))) if half > 1 else 0.0
         for half, low, high in zip(
@@ -91,7 +91,7 @@ def below(t: Floats, values: Floats, piece: NDArray[np.integer], fine: float = F
     low, sure = np.zeros(len(t), dtype=bool), np.zeros(len(t), dtype=bool)
     if not len(t):
         return low
-    first = np.concatenate([[0], np.flatnonzero(np.diff(piece)) + 1, [len(t)]])
+    first = bounds(piece)
     for begin, end in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
         own = values[begin:end]
         if not np.isfinite(own[0]) or own.min() >= 0.0:

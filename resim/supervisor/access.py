@@ -46,7 +46,7 @@ class Access:
 
     def __init__(self, key: bytes, port: int, users: Users, *, users_only: bool = False) -> None:
         """key: of the cookies and seals; who keeps it lets those in again who were in before."""
-        self._key, self._users, self._users_only = key, users, users_only
+        self._key, self._users = key, users
         shown: tuple[Role, ...] = () if users_only else ("administer", "look")
         self.tokens: dict[Role, str] = {role: secrets.token_urlsafe(24) for role in shown}
         self.cookie = f"resim_{port}"

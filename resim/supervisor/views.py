@@ -120,17 +120,25 @@ def folder_of(supervisor: Supervisor, kind: str, name: str) -> Path:
     raise MissingError("There is no such page.")
 
 
+def _unfinished(supervisor: Supervisor) -> dict[str, list[QueuedTask]]:
+    """Give what pauses, runs and waits, each in its order."""
+    found: dict[str, list[QueuedTask]] = {"paused": [], "running": [], "waiting": []}
+    for one in supervisor.queue.unfinished():
+        found[one.state].append(one)
+    return found
+
+
 # dashboard
 
 
 def dashboard(supervisor: Supervisor, request: Request) -> Told:
     """What the machine does, what is queued, what failed last, what came out last."""
     newest = find_page(supervisor.catalog, LakeQuery(kinds=RESULTS), most=LATEST)
-    unfinished = supervisor.queue.unfinished()
+    unfinished = _unfinished(supervisor)
     return "dashboard.html", {
         "machine": machine_load(supervisor.settings.tasks),
-        "running": [t for t in unfinished if t.state == "running"],
-        "waiting": [t for t in unfinished if t.state == "waiting"][:LATEST],
+        "running": unfinished["running"],
+        "waiting": unfinished["waiting"][:LATEST],
         "counts": supervisor.queue.counts(),
         "failed": supervisor.queue.ended(0, LATEST, bad=True),
         "newest": newest.items,
@@ -287,14 +295,11 @@ def _data(folder: Path) -> list[str]:
 
 def tasks(supervisor: Supervisor, request: Request) -> Told:
     """What runs, what waits, and what ended."""
-    first, unfinished, counts = _first(request), supervisor.queue.unfinished(), supervisor.queue.counts()
+    first, counts = _first(request), supervisor.queue.counts()
     ended = supervisor.queue.ended(first, EACH)
     count = sum(n for state, n in counts.items() if state in ENDED)
     return "tasks.html", {
-        "paused": [t for t in unfinished if t.state == "paused"],
-        "running": [t for t in unfinished if t.state == "running"],
-        "waiting": [t for t in unfinished if t.state == "waiting"],
-        "ended": ended, "paging": _paging(request, first, len(ended), count),
+        **_unfinished(supervisor), "ended": ended, "paging": _paging(request, first, len(ended), count),
     }  # fmt: skip
 
 
@@ -316,13 +321,9 @@ def task(supervisor: Supervisor, request: Request) -> Told:
 
 def live(supervisor: Supervisor, request: Request) -> Told:
     """A task that simulates, as it does; what else runs, and what waits."""
-    unfinished = supervisor.queue.unfinished()
-    running = [t for t in unfinished if t.state == "running"]
-    asked = _text(request, "task")
-    one = task_of(supervisor, asked) if asked else next(iter(running), None)
-    return "live.html", {
-        "one": one, "running": running, "waiting": [t for t in unfinished if t.state == "waiting"],
-    }  # fmt: skip
+    unfinished, asked = _unfinished(supervisor), _text(request, "task")
+    one = task_of(supervisor, asked) if asked else next(iter(unfinished["running"]), None)
+    return "live.html", {"one": one, **unfinished}
 
 
 def jobs(supervisor: Supervisor, request: Request) -> Told:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from browsed import chromium, too_faint
-from supervised import waited
+from supervised import PAGES, waited
 
 from resim.results.catalog import Catalog
 from resim.results.queue import TaskQueue, new_id
@@ -21,17 +21,6 @@ COLORS_OF_CANVAS = """() => {
   for (let k = 0; k < data.length; k += 4) seen.add(data.slice(k, k + 4).join());
   return seen.size > 3;
 }"""
-PAGES = (
-    "/",
-    "/experiments",
-    "/builds",
-    "/results",
-    "/jobs",
-    "/jobs/run",
-    "/tasks",
-    "/live",
-    "/lake?text=cut",
-)
 
 
 @pytest.fixture(scope="module")

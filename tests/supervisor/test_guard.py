@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from supervised import PAGES
 
 from resim.core.errors import InputError
 from resim.results.queue import new_id
@@ -51,16 +52,7 @@ def test_every_answer_forbids_what_a_page_needs_not(user: Any, client: Any) -> N
 
 
 def test_pages_have_no_script_and_no_style_in_them(user: Any) -> None:
-    for path in (
-        "/",
-        "/experiments",
-        "/builds",
-        "/results",
-        "/jobs",
-        "/jobs/run",
-        "/tasks",
-        "/lake?text=cut",
-    ):
+    for path in PAGES:
         text = user.get(path).text
         assert "<script>" not in text
         assert "<style" not in text

@@ -8,6 +8,7 @@ import numpy as np
 
 from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
+from resim.mining.runs import bounds
 from resim.mining.settings import MiningSettings
 
 SWERVING = "swerving"
@@ -25,7 +26,7 @@ def find(
     if not len(on):
         return
     group = samples.piece_of[on] * (len(samples) + 1) + features.stretch[on]
-    first = np.concatenate([[0], np.flatnonzero(np.diff(group)) + 1, [len(on)]])
+    first = bounds(group)
     marks = kernel.turning_points(features.aside[on], first, rules.swing)
     at = np.flatnonzero(marks)
     many = rules.turns - 1
