@@ -8,6 +8,7 @@ from typing import Protocol
 from resim.core.geometry import Floats
 from resim.simulation.case import Case, SimulatedDrive
 from resim.simulation.function.interface import EgoState
+from resim.simulation.reactive.deciders import Deciders
 from resim.simulation.traffic import Phase
 
 
@@ -28,6 +29,10 @@ class Engine(Protocol):
 
 class Mirror(Protocol):
     """A simulator beside a drive: told at every step where everybody is, it says where it has them."""
+
+    @property
+    def deciders(self) -> Deciders:
+        """The simulator's own models, as drivers of objects that react."""
 
     def enter(self, phase: Phase) -> None:
         """Let objects come and go."""

@@ -124,10 +124,10 @@ class ClosedLoop:
         self.cases, self.case, self.perception = cases, cases[0], perception
         case = self.case
         self.stage = stage = staged(case.scenario, case.network, case.step, case.lead_in)
-        self.reactive = None if case.traffic is None else ReactiveTraffic(stage, case.traffic, case.network)
+        self.mirror = None if beside is None else beside(stage)
+        self.reactive = self.reacting()
         self.plan = stage.plan if self.reactive is None else self.reactive.plan
         self.members = stage.members
-        self.mirror = None if beside is None else beside(stage)
         size = (len(stage.plan.t), len(cases))
         self.ego = np.empty((*size, 6))
         self.commands = np.full((*size, 2), np.nan)
@@ -138,6 +138,19 @@ class ClosedLoop:
         self.broken: FunctionError | None = None  # what several runs failed with
         self.said = ""
         self.length, self.width = stage.length, stage.width
+
+    def reacting(self) -> ReactiveTraffic | None:
+        """Give the traffic that reacts; None where it keeps to its traces."""
+        case = self.case
+        if case.traffic is None:
+            return None
+        if case.traffic.drivers == "resim":
+            return ReactiveTraffic(self.stage, case.traffic, case.network)
+        if self.mirror is None:
+            raise ResimError(
+                'drivers = "sumo" needs SUMO, which does not run here. Take drivers = "resim", or engine = "sumo"'
+            )
+        return ReactiveTraffic(self.stage, case.traffic, case.network, self.mirror.deciders)
 
     def drive(self) -> list[SimulatedDrive]:
         """Drive from the lead-in's first step to the end. Raises FunctionError where several runs fail with one."""

@@ -19,6 +19,7 @@ from resim.core.geometry import Floats
 from resim.road.opendrive import RoadNetwork
 from resim.simulation.guide import Guide
 from resim.simulation.reactive.aside import Aside, leaving
+from resim.simulation.reactive.deciders import Deciders
 from resim.simulation.reactive.drivers import wanted
 from resim.simulation.reactive.handed import Handed
 from resim.simulation.reactive.lanes import Neighbour, Side, neighbour
@@ -55,7 +56,10 @@ class Target:
 
 
 class LaneChanges:
-    """The lane changes of one run. plan: where all are. now: who was handed over."""
+    """The lane changes of one run. plan: where all are. now: who was handed over.
+
+    deciders: who says who wants to change to which side, None for MOBIL.
+    """
 
     def __init__(
         self,
@@ -64,8 +68,10 @@ class LaneChanges:
         network: RoadNetwork,
         plan: Guide,
         now: dict[int, Handed],
+        deciders: Deciders | None = None,
     ) -> None:
         self.stage, self.settings, self.how = stage, settings, settings.lane_change
+        self.deciders = deciders
         self.network, self.plan, self.now = network, plan, now
         self.hardest = settings.hand_over.hardest
         self.sight = Sight(stage, settings, plan, now)
@@ -84,7 +90,10 @@ class LaneChanges:
         None where it stays in its lane. The row is -1 for nobody.
         """
         one, how = me.one, self.how
-        if not one.aside:
+        wished = None if self.deciders is None else self.deciders.sides(me.row)
+        if wished == ():
+            return None
+        if wished is None and not one.aside:
             free = min(float(wanted(me.driver, one.v, np.array([np.inf]), np.zeros(1))[0]), me.cap)
             if free - me.want <= how.threshold + how.bias:
                 return None
@@ -96,6 +105,8 @@ class LaneChanges:
             freed = moved_out(lane.behind, me.body, lane, self.sight.driver(me, lane.behind), self.hardest)
         best: tuple[float, Side, Aside] | None = None
         for target in self._targets(me):
+            if wished is not None and target.side not in wished:
+                continue
             found = self._weighed(me, target, lane.ahead, freed)
             if found is not None and (best is None or found[0] > best[0]):
                 best = found[0], target.side, found[1]
@@ -144,6 +155,10 @@ class LaneChanges:
             return None
         station, v = one.station, me.body.v
         least = how.threshold + (-how.bias if one.aside else how.bias)
+        if (
+            self.deciders is not None
+        ):  # they say that it wants to; whether it is safe, as long as it lasts, is left
+            least = -math.inf
         for duration in np.linspace(how.duration, min(how.shortest, how.duration), _TRIED).tolist():
             length = max(duration * v, _LENGTHS * me.body.length, _SHORTEST)
             lasts = station + length + how.lasting * v

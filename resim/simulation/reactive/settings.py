@@ -85,6 +85,8 @@ class ReactiveSettings(Strict):
         hand_over: When objects are handed over.
         lane_change: When they change lanes, once handed over.
         calibrated: Whether drivers are fitted to what the object did in the recording.
+        drivers: Who decides for them: resim's Intelligent Driver Model and MOBIL, in every engine to the same byte; or
+            SUMO's own models (carFollowModel IDM, laneChangeModel LC2013), in the engine "sumo" only.
         car: Driver of a car.
         truck: Driver of a truck.
         bicycle: Driver of a bicycle.
@@ -93,6 +95,7 @@ class ReactiveSettings(Strict):
     hand_over: HandOverSettings = HandOverSettings()
     lane_change: LaneChangeSettings = LaneChangeSettings()
     calibrated: bool = Field(strict=True, default=True)
+    drivers: Literal["resim", "sumo"] = "resim"
     car: DriverSettings = DriverSettings()
     truck: DriverSettings = DriverSettings(time_gap=1.6, acceleration=0.8)
     bicycle: DriverSettings = DriverSettings(time_gap=1.0, standstill=1.0, acceleration=1.0)

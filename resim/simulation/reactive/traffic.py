@@ -20,6 +20,7 @@ from resim.simulation.case import HandedOver, LaneChange
 from resim.simulation.guide import Guide
 from resim.simulation.perception import Worlds
 from resim.simulation.reactive.aside import Aside
+from resim.simulation.reactive.deciders import Deciders
 from resim.simulation.reactive.drivers import TrafficDriver, wanted
 from resim.simulation.reactive.handed import Handed
 from resim.simulation.reactive.lane_changes import LaneChanges
@@ -52,11 +53,15 @@ _CLOSE = 0.2
 
 @dataclass(eq=False)
 class ReactiveTraffic:
-    """The traffic of one run. plan: where all are, which changes as the run goes on."""
+    """The traffic of one run. deciders: who decides for those handed over, None for their drivers' own models.
+
+    plan: where all are, which changes as the run goes on.
+    """
 
     stage: Stage
     settings: ReactiveSettings
     network: RoadNetwork
+    deciders: Deciders | None = None
     plan: Guide = field(init=False)
 
     def __post_init__(self) -> None:
@@ -70,7 +75,9 @@ class ReactiveTraffic:
         self.members = self.stage.members
         self.now: dict[int, Handed] = {}
         self.past: list[tuple[int, Handed]] = []
-        self.changes = LaneChanges(self.stage, self.settings, self.network, self.plan, self.now)
+        self.changes = LaneChanges(
+            self.stage, self.settings, self.network, self.plan, self.now, self.deciders
+        )
 
     def worlds(self, phase: Phase, k: int, ego: Floats, ego_z: Floats | None) -> Worlds:
         """Give the truth at step k, as `Phase.worlds` does of traffic on its traces."""
@@ -155,6 +162,14 @@ class ReactiveTraffic:
         late = round(driver.reaction / self.dt)
         now = float(self.plan.t[k])
         self.now[row] = Handed(now, why, way, s, v, a, deque([a] * late), now + driver.reaction)
+        if self.deciders is not None:
+            self.deciders.take(row, driver)
+
+    def _give_back(self, row: int) -> None:
+        """Let an object go back to its trace."""
+        self.past.append((row, self.now.pop(row)))
+        if self.deciders is not None:
+            self.deciders.give_back(row)
 
     def _drive(self, row: int, k: int, all_: Boxed) -> None:
         """Move an object along its line to step k + 1."""
@@ -162,7 +177,7 @@ class ReactiveTraffic:
         at, now = way.at_step(k + 1), float(self.plan.t[k])
         assert driver is not None
         if at < 0:  # it was not seen any longer
-            self.past.append((row, self.now.pop(row)))
+            self._give_back(row)
             return
         want = self._want(row, k, all_, driver)
         one.later.append(want)
@@ -178,7 +193,7 @@ class ReactiveTraffic:
         )
         if caught_up and want >= min(float(way.a[at]), 0.0):
             one.back = float(self.plan.t[k + 1])
-            self.past.append((row, self.now.pop(row)))
+            self._give_back(row)
             return
         s = min(s, one.line.s_at(trace))
         one.a, one.s, one.v = (v - one.v) / self.dt, s, v
@@ -201,7 +216,7 @@ class ReactiveTraffic:
         one = self.now[row]
         rows = [m for m in range(len(self.members)) if m != row]
         others = all_.of(rows)
-        want = self._behind(one, k, rows, others, driver)
+        want = self._behind(row, k, rows, others, driver)
         if self.changes.due(row, k):
             way = way_of(self.stage, row)
             cap = (self._fastest(one, way, driver, way.at_step(k + 1)) - one.v) / _SOON
@@ -213,24 +228,28 @@ class ReactiveTraffic:
                 one.take(line)
                 now = float(self.plan.t[k])
                 one.changes.append(LaneChange(now, side))
-                want = self._behind(one, k, rows, others, driver)
+                want = self._behind(row, k, rows, others, driver)
         if one.changing:
             one.look = float(self.plan.t[k]) + self.settings.lane_change.pause
         return want
 
-    def _behind(self, one: Handed, k: int, rows: list[int], others: Boxed, driver: TrafficDriver) -> float:
+    def _behind(self, row: int, k: int, rows: list[int], others: Boxed, driver: TrafficDriver) -> float:
         """What a driver wants [m/s²] for who is on the line ahead, if it does not get by, and for the line's end."""
+        one = self.now[row]
         found = one.line.others(one.s, others)
         if one.changing and isinstance(one.line, Aside) and one.passes in rows:
             n = rows.index(one.passes)
             ahead = Nearest(n, float(found.gap[n]), float(found.v[n]))
             if self.changes.gets_by(one, one.line, k, one.passes, ahead):
                 found.gap[n] = math.inf
-        want = float(np.min(wanted(driver, one.v, found.gap, found.v), initial=driver.acceleration))
-        if math.isfinite(one.line.until):
-            gap = np.array([one.line.until - one.s - 0.5 * one.line.length])
-            want = min(want, float(wanted(driver, one.v, gap, np.zeros(1))[0]))
-        return max(want, -self.settings.hand_over.hardest)
+        end = one.line.until - one.s - 0.5 * one.line.length
+        gap, lead_v = np.append(found.gap, end), np.append(found.v, 0.0)
+        want = wanted(driver, one.v, gap, lead_v)
+        first = int(np.argmin(want))
+        least = float(want[first])
+        if self.deciders is not None:
+            least = self.deciders.acceleration(row, one.v, float(gap[first]), float(lead_v[first]))
+        return max(min(least, driver.acceleration), -self.settings.hand_over.hardest)
 
     def _fastest(self, one: Handed, way: Way, driver: TrafficDriver, at: int) -> float:
         """How fast [m/s] an object may be at place `at` of its way: to catch up with its trace, and in bends.

@@ -27,7 +27,7 @@ class Sumo:
 
     def _driven(self, case: Case, *, window: bool) -> SimulatedDrive:
         with held_session(sumo_net(case.network).simulated, case.step, gui=window) as session:
-            return drive([case], lambda stage: SumoMirror(stage, session))[0]
+            return drive([case], lambda stage: SumoMirror(stage, case.network, session))[0]
 
 
 @cache

@@ -10,7 +10,9 @@ import numpy as np
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats, wrap_angle
+from resim.road.opendrive import RoadNetwork
 from resim.simulation.function.interface import EgoState
+from resim.simulation.sumo.drivers import SumoDrivers
 from resim.simulation.sumo.session import EGO, Session, VehiclePose, from_sumo, to_sumo
 from resim.simulation.traffic import Phase, Stage
 
@@ -29,13 +31,18 @@ class _MirrorPhase:
 class SumoMirror:
     """SUMO beside one drive (`resim.simulation.engine.Mirror`)."""
 
-    def __init__(self, stage: Stage, session: Session) -> None:
-        self._stage, self._session = stage, session
+    def __init__(self, stage: Stage, network: RoadNetwork, session: Session) -> None:
+        self._stage, self._network, self._session = stage, network, session
         self._phases = _mirror_phases(stage)
         self._now, self._length = _MirrorPhase((), (), ()), np.zeros(0)
         self._said = array("d")  # compact: what a step leaves behind slows the next ones
         ego = stage.members[0]
         session.add(EGO, ego.length, ego.width, abs(stage.plan.state(0, stage.plan.begin).v))
+
+    @property
+    def deciders(self) -> SumoDrivers:
+        """SUMO's own models, as drivers of objects that react."""
+        return SumoDrivers(self._stage, self._network, self._session)
 
     def enter(self, phase: Phase) -> None:
         """Let objects come and go."""

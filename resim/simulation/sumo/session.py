@@ -30,12 +30,14 @@ EGO = "ego"
 VehiclePose: TypeAlias = tuple[str, float, float, float, float]
 """What SUMO is told of an object: name, front bumper x, y [m], angle [deg from north], speed >= 0 [m/s]."""
 
-_TYPE = "guided"
+_TYPE, _DRIVEN = "guided", "driven"
 _MATCH = 5.0  # m; moveToXY scans every lane within this distance
 _NEVER = 100_000  # s between two decisions of SUMO's driver models: nobody needs them, and they take most of a step
 _TYPES = f"""<additional>
     <vType id="{_TYPE}" minGap="0" accel="50" decel="50" maxSpeed="10000" speedFactor="10000" speedDev="0" sigma="0"
         actionStepLength="{_NEVER}"/>
+    <vType id="{_DRIVEN}" carFollowModel="IDM" laneChangeModel="LC2013" stepping="{_NEVER}" speedFactor="10000"
+        speedDev="0" sigma="0"/>
 </additional>
 """
 
@@ -51,6 +53,16 @@ class _Calls(NamedTuple):
 
 
 _STEP_CALLS = ("moveToXY", "setSpeed", "getPosition", "getAngle", "getSpeed")
+
+
+class DriverParameters(NamedTuple):
+    """What SUMO knows of a driver: accel and decel [m/s²], tau [s], min_gap [m], max_speed [m/s]."""
+
+    accel: float
+    decel: float
+    tau: float
+    min_gap: float
+    max_speed: float
 
 
 class Session:
@@ -70,7 +82,7 @@ class Session:
         self._sumo = _load(gui)
         options = [
             "-n", str(net), "-a", str(types), "--step-length", f"{step:g}", "--time-to-teleport", "-1",
-            "--collision.action", "none", "--no-step-log", "--no-warnings", "--xml-validation", "never",
+            "--collision.action", "none", "--precision", "15", "--no-step-log", "--no-warnings", "--xml-validation", "never",
         ]  # fmt: skip
         if gui:
             _start_window(self._sumo, [*options, "--start", "--quit-on-end", "--delay", f"{1000.0 * step:g}"])
@@ -134,6 +146,53 @@ class Session:
             read += place(name)
             read += turn(name), v if pace(name) == v else self._insist(name, v)
         return read
+
+    def let_decide(self, name: str, length: float, width: float, driver: DriverParameters) -> None:
+        """Let SUMO's models (IDM, LC2013) decide for a vehicle at every step; where it is, `advance` still says."""
+        vehicle = self._vehicle
+        vehicle.setType(name, self._type(driver))
+        vehicle.setLength(name, length)
+        vehicle.setWidth(name, width)
+        vehicle.setActionStepLength(name, self.step_length)
+
+    def _type(self, driver: DriverParameters) -> str:
+        """Give SUMO's type of a driver. SUMO keeps 2 sqrt(accel decel) from a type's making: a copy is made anew."""
+        types = self._sumo.vehicletype
+        name = " ".join((_DRIVEN, *map(repr, driver)))
+        if name not in types.getIDList():
+            types.setAccel(_DRIVEN, driver.accel)
+            types.setDecel(_DRIVEN, driver.decel)
+            types.setTau(_DRIVEN, driver.tau)
+            types.setMinGap(_DRIVEN, driver.min_gap)
+            types.setMaxSpeed(_DRIVEN, driver.max_speed)
+            types.copy(_DRIVEN, name)
+        return name
+
+    def decide_no_longer(self, name: str) -> None:
+        """Let SUMO's models rest again."""
+        self._vehicle.setActionStepLength(name, _NEVER)
+
+    def edge(self, name: str) -> str:
+        """Give the edge on which SUMO has a vehicle, "" for none, or one inside of a junction."""
+        found = str(self._vehicle.getRoadID(name))
+        return "" if found.startswith(":") else found
+
+    def set_route(self, name: str, edges: Sequence[str]) -> bool:
+        """Say where a vehicle goes, from the edge on which it is; False where SUMO finds no way along these edges."""
+        try:
+            self._vehicle.setRoute(name, list(edges))
+        except self._sumo.TraCIException:
+            return False
+        return True
+
+    def followed(self, name: str, v: float, gap: float, lead_v: float, driver: DriverParameters) -> float:
+        """Give the speed [m/s] that SUMO's model has after a step, at v [m/s] and gap [m] behind who drives lead_v."""
+        found = self._vehicle.getFollowSpeed(name, v, gap - driver.min_gap, lead_v, driver.decel)
+        return float(found)
+
+    def changes(self, name: str, direction: int) -> bool:
+        """Say whether SUMO's model wants to change to the lane on the left (1) or right (-1), and could."""
+        return bool(self._vehicle.wantsAndCouldChangeLane(name, direction))
 
     def _insist(self, name: str, v: float) -> float:
         """Say the speed again: where SUMO finds no way from place to place it keeps the one before."""
