@@ -26,6 +26,7 @@ from resim.simulation.function.interface import Build, load_build
 from resim.simulation.reactive.drivers import Following, driver_of, fitted, followed
 from resim.simulation.reactive.people import followings, way_of
 from resim.simulation.reactive.settings import LaneChangeSettings, ReactiveSettings
+from resim.simulation.sumo.engine import Sumo
 from resim.simulation.traffic import staged
 
 LEARNED = 0.6
@@ -45,7 +46,8 @@ def recordings(data: Path, egos: int) -> Iterator[PreparedRecording]:
 
 def simulated(recording: PreparedRecording, build: Build, traffic: ReactiveSettings | None) -> SimulatedDrive:
     """The drive on ground truth."""
-    options = ResimulationOptions(bases=("GT",), traffic=traffic, engine=Direct())
+    engine = Sumo() if traffic is not None and traffic.drivers == "sumo" else Direct()
+    options = ResimulationOptions(bases=("GT",), traffic=traffic, engine=engine)
     return options.case(recording.described["GT"], recording.network, build).drive()
 
 
@@ -75,7 +77,7 @@ def run_into(drive: SimulatedDrive) -> int:
 
 
 def collisions(data: Path, egos: int) -> None:
-    """Print how many drives collide, and how: on traces, with drivers who keep their lanes, and who change them."""
+    """Print how many drives collide, and how: on traces, with drivers who keep their lanes, who change them, SUMO's."""
     head = (
         "build", "traffic", "drives", "hit from behind", "other collisions", "drives with handed-over objects",
         "hand-overs", "lane changes", "farthest behind its trace [m]", "over 20 m behind", "braking by over 6 m/s²",
@@ -85,7 +87,10 @@ def collisions(data: Path, egos: int) -> None:
     print("|" + "---|" * len(head))
     every = [*recordings(data, egos)]
     keeps = ReactiveSettings(lane_change=LaneChangeSettings(possible=False))
-    how = {"traces": None, "keeps its lane": keeps, "changes lanes": ReactiveSettings()}
+    how = {
+        "traces": None, "keeps its lane": keeps, "changes lanes": ReactiveSettings(),
+        "changes lanes, by SUMO's models": ReactiveSettings(drivers="sumo"),
+    }  # fmt: skip
     for name in ("idm-1.0", "highway_pilot-1.0", "highway_pilot-1.2", "constant_velocity-1.0", "replay-1.0"):
         build = load_build(BUILDS / f"{name}.toml")
         driven = [[simulated(r, build, traffic) for traffic in how.values()] for r in every]

@@ -102,6 +102,12 @@ def read_sweep_file(path: Path) -> SweepFile:
         raise InputError(path, f"parameter {twice[0]!r} is a duplicate", "Take one away.")
     if file.perception is None and (of := [name for name in names if name.startswith("perception.")]):
         raise InputError(path, f"parameter {of[0]!r} without a model", "Name one with perception = ...")
+    if file.engine == "direct" and file.reactive.drivers == "sumo":
+        raise InputError(
+            path,
+            'reactive.drivers: SUMO\'s own drivers are not in the engine "direct"',
+            'Set engine = "sumo".',
+        )
     _check_variations(path, file)
     return file
 

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,15 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from resim.core.errors import ResimError
+from resim.road.opendrive import RoadNetwork
+from resim.scenario.scenario import Scenario
+from resim.simulation.case import Case, SimulatedDrive
+from resim.simulation.direct import Direct
+from resim.simulation.engine import Engine
 from resim.simulation.reactive.drivers import Following, TrafficDriver, followed
+from resim.simulation.reactive.settings import DriverSettings, LaneChangeSettings, ReactiveSettings
+from resim.simulation.sumo.engine import Sumo
 
 LENGTH = 4.7
 DRIVERS = [
@@ -80,3 +89,50 @@ def test_it_changes_lanes_where_a_vehicle_of_sumo_does(tmp_path: Path) -> None:
     assert len(found) == 4
     assert sum(found.values()) == 8
     assert found["changes", "changes"] + found["stays", "stays"] >= 7, done.stdout
+
+
+@pytest.fixture
+def behind_a_crawler(function: Any, network: RoadNetwork, member: Any) -> Callable[..., SimulatedDrive]:
+    """Drive an EGO that crawls, two behind it, and one that comes faster on the left."""
+
+    def driven(engine: Engine | None = None, **settings: Any) -> SimulatedDrive:
+        crawls = function("return Command(-4.0 if perceived.t > 0.5 and perceived.ego.v > 2.5 else 0.0, 0.0)")
+        places = ("f", 230.0, 20.0, -2), ("h", 200.0, 20.0, -2), ("g", 150.0, 26.0, -1)
+        others = tuple(member(name, s, v, lane=lane, end=25.0) for name, s, v, lane in places)
+        scenario = Scenario(network.path.name, 25.0, member("ego", 300.0, 20.0, lane=-2, end=25.0), others)
+        traffic = ReactiveSettings(calibrated=False, **settings)
+        return Case(scenario, network, crawls, engine or Sumo(), traffic=traffic).drive()
+
+    return driven
+
+
+def test_sumos_models_drive(behind_a_crawler: Callable[..., SimulatedDrive]) -> None:
+    """Its IDM as resim's, to rounding; its LC2013 when it wants to; the same bytes twice."""
+    keeps = LaneChangeSettings(possible=False)
+    ours, theirs = (behind_a_crawler(drivers=who, lane_change=keeps) for who in ("resim", "sumo"))
+    assert len(ours.handed_over) == len(theirs.handed_over) == 2
+    np.testing.assert_allclose(theirs.truth.x, ours.truth.x, rtol=0, atol=1e-6)
+    changing, again = behind_a_crawler(drivers="sumo"), behind_a_crawler(drivers="sumo")
+    changes = {one.id: [change.side for change in one.lane_changes] for one in changing.handed_over}
+    assert changes["f"][0] == changes["h"][0] == "left"
+    assert changing.collisions == ()
+    assert changing.fingerprint() == again.fingerprint()
+    other = behind_a_crawler(drivers="resim")
+    assert [one.lane_changes for one in other.handed_over] != [
+        one.lane_changes for one in changing.handed_over
+    ]
+
+
+def test_sumos_models_drive_by_the_parameters_of_a_file(
+    behind_a_crawler: Callable[..., SimulatedDrive],
+) -> None:
+    """Digits that SUMO does not print by itself count."""
+    keeps = LaneChangeSettings(possible=False)
+    driver = DriverSettings(time_gap=1.2345678, acceleration=1.2345678, deceleration=2.3456789)
+    ours, theirs = (behind_a_crawler(drivers=d, lane_change=keeps, car=driver) for d in ("resim", "sumo"))
+    np.testing.assert_allclose(theirs.truth.x, ours.truth.x, rtol=0, atol=1e-6)
+
+
+def test_sumos_drivers_need_sumo(behind_a_crawler: Callable[..., SimulatedDrive]) -> None:
+    with pytest.raises(ResimError, match='drivers = "sumo" needs SUMO'):
+        behind_a_crawler(Direct(), drivers="sumo")

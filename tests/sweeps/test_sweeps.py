@@ -33,6 +33,7 @@ from resim.execution import journal
 from resim.execution.journal import JournalEntry
 from resim.jobs.schemas import schema_of
 from resim.sweeps.result import read_swept
+from resim.sweeps.sweep_file import read_sweep_file
 
 ROOT = Path(__file__).parents[2]
 Call = Callable[..., tuple[int, str, str]]
@@ -484,3 +485,14 @@ def test_an_adaptive_plan_of_fewer_points_than_its_first_grid_is_refused(call: C
         write_adaptive(
             tmp_path / "swept", tuple(p.model_copy(update={"width": 0.1}) for p in THREE), points=60
         )
+
+
+def test_sumos_drivers_are_not_in_the_direct_engine(tmp_path: Path) -> None:
+    path = tmp_path / "sweep.toml"
+    whole = (ROOT / "scenarios" / "sweeps" / "perception_latency.toml").read_text()
+    reacts = 'traffic = "reactive"\nreactive.drivers = "sumo"\n' + whole
+    path.write_text(reacts)
+    with pytest.raises(InputError, match="not in the engine"):
+        read_sweep_file(path)
+    path.write_text(reacts.replace('engine = "direct"', 'engine = "sumo"'))
+    assert read_sweep_file(path).reactive.drivers == "sumo"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from resim.core.distribution import RandomNumber, constant
 from resim.core.spec import Strict, read_strict
@@ -93,6 +93,12 @@ class TrafficEgoSettings(Strict):
     kind: Literal["car", "truck"] = "car"
     vehicle: str = Kinematic.name
     reactive: ReactiveSettings = ReactiveSettings()
+
+    @model_validator(mode="after")
+    def _decided_by_resim(self) -> TrafficEgoSettings:
+        if self.reactive.drivers == "sumo":
+            raise ValueError('reactive.drivers: functions drive without SUMO here; take drivers = "resim"')
+        return self
 
 
 class NaturalisticSettings(Strict):

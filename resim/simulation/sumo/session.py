@@ -82,7 +82,8 @@ class Session:
         self._sumo = _load(gui)
         options = [
             "-n", str(net), "-a", str(types), "--step-length", f"{step:g}", "--time-to-teleport", "-1",
-            "--collision.action", "none", "--precision", "15", "--no-step-log", "--no-warnings", "--xml-validation", "never",
+            "--collision.action", "none", "--precision", "15", "--no-step-log",
+            "--no-warnings", "--xml-validation", "never",
         ]  # fmt: skip
         if gui:
             _start_window(self._sumo, [*options, "--start", "--quit-on-end", "--delay", f"{1000.0 * step:g}"])

@@ -155,6 +155,11 @@ def test_speeds_are_linear_between_sumos_steps() -> None:
         ("per_lane = ", "per_lanes = ", "demand.per_lanes: there is no such field, did you mean 'per_lane'?"),
         ("truck_share = 0.05", "truck_share = 1.5", "demand.truck_share: expected 1 or less, found 1.5"),
         ("recording = 30.0", "recording = 5000.0", "recording: expected 900 or less, found 5000.0"),
+        (
+            "recording = 30.0",
+            'recording = 30.0\nego.reactive.drivers = "sumo"',
+            "functions drive without SUMO here",
+        ),
     ],
 )
 def test_faults_are_told(tmp_path: Path, old: str, new: str, told: str) -> None:
