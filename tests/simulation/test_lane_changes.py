@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -33,6 +33,9 @@ from resim.simulation.sumo.engine import Sumo
 Make = Callable[..., Any]
 REACTIVE = ReactiveSettings()
 KEEPS = ReactiveSettings(lane_change=LaneChangeSettings(possible=False))
+ENGINES: dict[str, dict[str, Any]] = {
+    "resim": {}, "sumo": {"engine": Sumo(), "traffic": ReactiveSettings(drivers="sumo")}
+}  # fmt: skip
 XODR = ROOT.parent / "shared" / "data" / "xodr"
 CRAWLS = "return Command(-4.0 if perceived.t > 0.5 and perceived.ego.v > 2.5 else 0.0, 0.0)"
 LENGTH, WIDTH = 4.7, 1.9
@@ -208,6 +211,7 @@ def traces_that_meet(others: list[tuple[int, int, float]]) -> set[tuple[str, str
     }
 
 
+@pytest.mark.parametrize("drivers", ["resim", pytest.param("sumo", marks=pytest.mark.slow)])
 @given(commands, places)
 @example([-4.888240954167173, 1.0255693392415353, 0.0, 0.0], [(-2, -12, 24.0), (-2, -13, 26.0)])
 @settings(
@@ -217,8 +221,9 @@ def traces_that_meet(others: list[tuple[int, int, float]]) -> set[tuple[str, str
     derandomize=True,
 )
 def test_whatever_the_ego_does_nobody_is_hit_who_was_not_before(
-    scene: Make, car: Make, accelerations: list[float], others: list[tuple[int, int, float]]
-) -> None:
+    scene: Make, car: Make, drivers: Literal["resim", "sumo"], accelerations: list[float],
+    others: list[tuple[int, int, float]],
+) -> None:  # fmt: skip
     """Nobody who changes lanes comes to overlap another one; all move as vehicles do.
 
     An EGO that is blind may run into whoever came in ahead of it: that is the EGO's fault, and not looked at.
@@ -231,7 +236,7 @@ def test_whatever_the_ego_does_nobody_is_hit_who_was_not_before(
     ]
     ego, follower = car("ego", 450.0, end=15.0), car("f", 416.0, end=15.0)
     keeps = scene(ego, follower, *there, body=body, traffic=KEEPS)
-    found = scene(ego, follower, *there, body=body)
+    found = scene(ego, follower, *there, body=body, **ENGINES[drivers])
     changed = {one.id for one in found.handed_over if one.lane_changes}
     before = {*overlaps(keeps), *traces_that_meet(others)}
     assert [
@@ -239,7 +244,7 @@ def test_whatever_the_ego_does_nobody_is_hit_who_was_not_before(
     ] == []
     for n in range(1, len(found.truth.ids)):
         assert_moves_as_vehicles_do(found, n)
-    assert scene(ego, follower, *there, body=body).fingerprint() == found.fingerprint()
+    assert scene(ego, follower, *there, body=body, **ENGINES[drivers]).fingerprint() == found.fingerprint()
 
 
 def curved(name: str) -> RoadNetwork:
@@ -249,6 +254,7 @@ def curved(name: str) -> RoadNetwork:
     return load(file)
 
 
+@pytest.mark.parametrize("drivers", ["resim", "sumo"])
 @pytest.mark.parametrize(
     ("name", "road", "lane"),
     [
@@ -259,15 +265,16 @@ def curved(name: str) -> RoadNetwork:
     ],
 )
 def test_in_bends_it_moves_along_the_lane(
-    scene: Make, function: Make, network: RoadNetwork, name: str, road: str | None, lane: int
-) -> None:
+    scene: Make, function: Make, network: RoadNetwork, name: str, road: str | None, lane: int,
+    drivers: Literal["resim", "sumo"],
+) -> None:  # fmt: skip
     net = network if name == "proving_ground" else curved(name)
     road = road or next(iter(net.roads))
     length = net.roads[road].length
     begin = 0.6 * length if name == "proving_ground" else 0.25 * length
     v, end = 15.0, min(18.0, (length - begin) / 15.0 - 6.0)
     ego, other = (along(net, who, (road, lane, begin + s), v, end) for who, s in (("ego", 60.0), ("f", 0.0)))
-    found = scene(ego, other, net=net, build=function(IN_BENDS, reset=KEEP_LANE))
+    found = scene(ego, other, net=net, build=function(IN_BENDS, reset=KEEP_LANE), **ENGINES[drivers])
     assert sides(found)
     assert overlaps(found) == []
     assert_moves_as_vehicles_do(found, 1)
