@@ -37,7 +37,11 @@ def main() -> int:
             if asked.names and path.stem not in asked.names:
                 continue
             recipe = read_recipe(path)
-            made = generate_recording(path, scratch / "made" / path.stem)
+            try:
+                made = generate_recording(path, scratch / "made" / path.stem)
+            except Exception as e:
+                print("MISSED BROKEN", path.stem, str(e)[:300])
+                continue
             table = mine([made.folder], scratch / "mined" / path.stem, MineOptions(write=False, fit=False, accept=tuple(CODES))).maneuvers
             for kind in recipe.kinds:
                 row = by[kind.lower()]

@@ -29,8 +29,8 @@ class KindQuery(Strict):
     label: of the maneuver. kind: of its object. own: the same object has one of these labels at the same time. partner:
     its partner has. partner_kind: of the partner. other: anybody else within 100 m has, of `other_kind`. not_own:
     it has none of these. not_partner: its partner has none. not_other: nobody else within 100 m has one, of
-    `other_kind`. before: the same object had one that ended up to `within` [s] before, or during it. not_before: it had
-    none. within: s. alone: it has no partner.
+    `other_kind`. before: the same object had one that began before it, and ended up to `within` [s] before or later.
+    not_before: it had none. within: s. alone: it has no partner.
     """
 
     label: tuple[str, ...] = Field(min_length=1)
@@ -45,7 +45,7 @@ class KindQuery(Strict):
     not_other: tuple[str, ...] = ()
     before: tuple[str, ...] = ()
     not_before: tuple[str, ...] = ()
-    within: float = Field(default=3.0, ge=0.0)
+    within: float = Field(default=3.0, gt=0.0)
     alone: bool = False
 
     @model_validator(mode="after")
@@ -165,6 +165,8 @@ class _Index:
         for k, place in enumerate(at.tolist()):
             near = some[low[k] : high[k]]
             near = near[(self.start[near] <= self.end[place]) & (self.end[near] >= self.start[place] - back)]
+            if back > 0.0:
+                near = near[self.start[near] < self.start[place]]
             if of == "other":
                 near = near[self.object[near] != self.object[place]]
                 near = near[self._distance(place, near) <= NEAR]

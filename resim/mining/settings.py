@@ -163,7 +163,8 @@ class SkiddingSettings(Strict):
 
 class RightOfWaySettings(Strict):
     """Lights and stop signs of the map. near [m]: a signal stands up to so far before its junction, and who is held up
-    there stands so near. stop_speed [m/s]: who is no slower within stop_before [m] of the junction did not stop.
+    there stands so near. stop_speed [m/s]: who is no slower within stop_before [m] of the junction did not stop,
+    and who backs up so near to it backs up at it.
     """
 
     near: float = Field(default=50.0, gt=0.0)

@@ -14,13 +14,16 @@ import numpy as np
 import shapely
 
 from resim.mining.features import Features
+from resim.mining.labels.others import REVERSING
 from resim.mining.labels.turns import LABELS as WAYS
+from resim.mining.labels.turns import crossings
 from resim.mining.lane_map import MinedLanes
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.samples import Ints
 from resim.mining.settings import MiningSettings, RightOfWaySettings
 
 PROTECTED, UNPROTECTED, RUNS_STOP = "protected_way", "unprotected_way", "run_stop_sign"
+BACKING = "reversing_at_junction"
 
 
 def find(
@@ -47,6 +50,30 @@ def find(
                 yield LabelledManeuver(
                     RUNS_STOP, way.object, int(near[0]), way.start, way.start, figures=figures
                 )
+
+
+def find_backing(
+    features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
+) -> Iterator[LabelledManeuver]:
+    """Find who backs up in a crossing, or as near to one as is looked for stops."""
+    backing = [one for one in found if one.label == REVERSING]
+    counts = crossings(features.lanes, settings.turn)
+    if not backing or not counts.any():
+        return
+    lanes, reach = features.lanes, settings.right_of_way.stop_before
+    inside = (lanes.junction >= 0) & counts[lanes.junction]
+    rows = np.flatnonzero(inside).tolist()
+    before = {one for row in rows for one in _of(lanes.before, row)}
+    after = {one for row in rows for one in _of(lanes.after, row)}
+    for one in backing:
+        own = np.arange(one.start, one.end + 1)
+        own = own[features.row[own] >= 0]
+        row, u = features.row[own], features.u[own]
+        near = inside[row] | (np.isin(row, list(after)) & (u <= reach))
+        near |= np.isin(row, list(before)) & (lanes.stations.length[row] - u <= reach)
+        if near.any():
+            at = own[near]
+            yield LabelledManeuver(BACKING, one.object, int(at[0]), int(at[-1]), int(at[0]))
 
 
 class _Rights:
@@ -159,6 +186,12 @@ FAMILIES.add(
     LabelFamily(
         "right of way", (PROTECTED, UNPROTECTED, RUNS_STOP), find,
         "whether lights hold others back for a way through a junction; who does not stop at a stop sign",
+        "Kaefer 2022, Appendix 1; our numbers",
+    )
+)  # fmt: skip
+FAMILIES.add(
+    LabelFamily(
+        "backing at junctions", (BACKING,), find_backing, "backing up in a crossing or near to one",
         "Kaefer 2022, Appendix 1; our numbers",
     )
 )  # fmt: skip
