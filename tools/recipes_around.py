@@ -254,6 +254,7 @@ def _accidents(stage: Stage) -> Iterator[RecipeText]:
         ego(stage, offset=0.5),
         on(stage, "drifting", stage.left, 2.0, v, change=[shift(-1.6, 1.0, 6.0)]),
         overlaps=(("ego", "drifting"),),
+        duration=5.2 if stage is URBAN else 8.0,
     )
     yield recipe(
         stage,
@@ -313,7 +314,7 @@ def _cyclists(stage: Stage) -> Iterator[RecipeText]:
         (f"{parallel}: vehicle starting in traffic lane on crossing paths",),
         "The EGO starts in its lane as a cyclist crosses ahead of it",
         on(stage, "ego", stage.ego, FAR - 12.0 / stage.scale, profile((0.0, 0.0), (3.5, 0.0), (8.0, 6.0))),
-        crosser(stage, "cyclist", 3.5, **bicycle),
+        crosser(stage, "cyclist", 2.5 if highway else 3.5, **bicycle),
         duration=10.0,
     )
     yield from crashes(stage, "Cyclist" if highway else CRASH, "Cyclist", "cyclist", bicycle, 3.5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from recipe_parts import Object, RecipeText, across, change, free, place, profile
+from recipe_parts import Object, RecipeText, across, change, free, profile
 
 LANE, LAW, AVOID, CRASH = "Lane change", "Violating traffic laws", "Avoiding maneuvers", "Accident scenarios"
 PROTECTED, UNPROTECTED = "Protected turn / road crossing", "Unprotected turn / road crossing"
@@ -63,7 +63,7 @@ def _at_the_lights() -> Iterator[RecipeText]:
         free("ego", "1", -1, 200.0, 12.0, via=["101"]),
         south,
         north,
-        duration=10.0,
+        duration=13.0,
     )
     walker = across("walker", "4", 6.0, (-2, -1, 1, 2), 1.2, kind="pedestrian", appears=4.0)
     yield town(
@@ -295,7 +295,7 @@ def _backing() -> Iterator[RecipeText]:
             against=True,
             reverse=True,
         ),
-        duration=13.0,
+        duration=10.5,
         overlaps=(("ego", "backing"),),
     )
 
@@ -331,16 +331,17 @@ def _crossing_paths() -> Iterator[RecipeText]:
         "A vehicle from the side road turns left into the EGO's way, and they collide",
         free("ego", "5", 1, 75.0, 12.0, via=["203"]),
         free("turning", "6", -1, 170.0, 6.5, via=["205"]),
-        duration=9.6,
+        duration=8.4,
     )
-    steep = [place("6", -1, s) for s in (170.0, 185.0, 199.0)] + [place("5", -1, s) for s in (2.0, 20.0, 50.0)]
+    steep = [(301.75, -50.0), (301.75, -35.0), (301.75, -20.0), (302.2, -12.0), (304.5, -6.0), (309.0, -2.6),
+             (318.0, -1.75), (335.0, -1.75)]  # fmt: skip
     yield crash(
         "right_across_lateral",
         "right turn across path from lateral direction",
         "A vehicle from the side road turns right across the EGO's lane towards the lane beyond it, and they collide",
-        main(-2, 207.0),
-        {"id": "turning", "route": {"places": steep}, "speed": 6.5},
-        duration=6.6,
+        main(-2, 183.0),
+        {"id": "turning", "route": {"points": steep}, "speed": 5.0},
+        duration=8.6,
     )
     yield crash(
         "right_into_path",

@@ -44,13 +44,13 @@ def ego(stage: Stage, speed: object = None, **told: object) -> Object:
 
 def _lane_changes(stage: Stage) -> Iterator[RecipeText]:
     v = stage.v
-    low, ahead = (0.65 * v, 61.5) if stage is HIGHWAY else (0.5 * v, 87.5)
+    low, ahead, lasts = (0.65 * v, 61.5, 2.0) if stage is HIGHWAY else (0.5 * v, 87.5, 1.2)
     yield recipe(
         stage,
         "encroaching_same_lane",
         (f"{LANE} / 2 vehicles going straight and 1 vehicle encroaching in same lane",),
         "Two go straight in one lane; a slower third changes into the gap between them, and the EGO brakes",
-        ego(stage, profile((0.0, v), (4.0, v), (6.0, low), (8.0, low))),
+        ego(stage, profile((0.0, v), (4.0, v), (4.0 + lasts, low), (8.0, low))),
         on(stage, "lead", stage.ego, 150.0, v),
         on(stage, "third", stage.left, ahead, low, change=[change("right", 2.0, 4.0)]),
     )
@@ -154,7 +154,7 @@ def _lead(stage: Stage) -> Iterator[RecipeText]:
             stage.left,
             near,
             profile((0.0, 1.1 * v), (2.0, 1.1 * v), (3.5, low), (9.0, low)),
-            change=[change("right", 1.5, 3.0)],
+            change=[change("right", 2.0, 3.0)],
         ),
         duration=9.0,
     )
@@ -266,9 +266,9 @@ def _geometry() -> Iterator[RecipeText]:
         "The right lane ends: who is on it merges between two others",
         "motorway",
         (
-            free("ego", "9", 3, 2240.0, 27.0),
-            free("lead", "9", 3, 2130.0, 27.0),
-            free("merging", "9", 4, 2190.0, 27.5, change=[{"to": "left", "at": 130.0, "seconds": 5.0}]),
+            free("ego", "9", 3, 2200.0, 27.0),
+            free("lead", "9", 3, 2090.0, 27.0),
+            free("merging", "9", 4, 2150.0, 27.5, change=[{"to": "left", "at": 105.0, "seconds": 5.0}]),
         ),
         14.0,
     )

@@ -72,10 +72,7 @@ def _way(features: Features, rules: CrashSettings, k: int, counts: np.ndarray) -
     if not len(inside) or not counts[junction[inside[0]]]:
         return None
     last = int(own[inside[0]])
-    first = last
-    while first - 1 >= low and features.junction[first - 1] == features.junction[last]:
-        first -= 1
-    row = int(features.row[first])
+    row = int(features.row[last])
     table, network = lanes.network.lane_table, lanes.network
     road = list(network.roads.values())[table.road[row]]
     s = table.start[row] if table.forward[row] else min(table.end[row], road.length) - 1e-9

@@ -62,7 +62,7 @@ def find_edges(
         if entered[k] and beside[k] == PARKING:
             stops = int(moving[-1]) if len(moving) else start
             yield _told(features, PARKS, start - 1, stops, start)
-        elif entered[k] and not across[start - 1] and (beside[k] or _inside(features, start - 1)):
+        elif entered[k] and not across[start - 1] and _off_road(features, start - 1, beside[k]):
             yield _told(features, DEPARTURE, start - 1, end, start)
         if left[k] and beside[len(first) + k] == PARKING:
             starts = int(moving[0]) if len(moving) else end
@@ -81,9 +81,13 @@ def _beside(features: Features, at: Ints) -> list[str]:
     return out
 
 
-def _inside(features: Features, k: int) -> bool:
-    """Whether a sample is further from both ends of its road than it moves until the next one."""
+def _off_road(features: Features, k: int, beside: str) -> bool:
+    """Whether who is on no driven lane after sample k left at the side, and not in a junction or at a road's end."""
     samples = features.samples
+    if features.junction[k] >= 0:
+        return False
+    if beside:
+        return True
     road = list(features.lanes.network.roads.values())[features.lanes.road[features.row[k]]]
     step = 1.0 + float(np.hypot(samples.x[k + 1] - samples.x[k], samples.y[k + 1] - samples.y[k]))
     return bool(step < features.s[k] < road.length - step)
