@@ -69,7 +69,7 @@ def _at_the_lights() -> Iterator[RecipeText]:
     yield town(
         "protected_left_pedestrian",
         (f"Protected {WALKED} / Protected left turn with pedestrian / cyclist crossing road",),
-        "The EGO turns left at the lights and lets a pedestrian on the crosswalk behind them pass; oncoming traffic waits",
+        "The EGO turns left at the lights and lets a pedestrian pass behind them; oncoming traffic waits",
         left(YIELDS_LEFT),
         oncoming,
         walker,
@@ -79,7 +79,7 @@ def _at_the_lights() -> Iterator[RecipeText]:
     yield town(
         "protected_right_pedestrian",
         (f"Protected {WALKED} / Protected right turn with pedestrian / cyclist crossing road",),
-        "The EGO turns right at the lights and lets a pedestrian on the crosswalk behind them pass; crossing traffic waits",
+        "The EGO turns right at the lights and lets a pedestrian pass behind them; crossing traffic waits",
         right(YIELDS_RIGHT),
         north,
         walker,

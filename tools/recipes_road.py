@@ -212,7 +212,11 @@ def _violations(stage: Stage) -> Iterator[RecipeText]:
             ego(stage, 0.8 * v),
             on(right, "other", right.right, -35.0, 1.1 * v),
         )
-    weave = [shift(0.7, 0.5, 1.5), *(shift(0.7 * (-1) ** n, 2.0 * n, 2.0) for n in (1, 2, 3)), shift(0.0, 8.0, 1.8)]
+    weave = [
+        shift(0.7, 0.5, 1.5),
+        *(shift(0.7 * (-1) ** n, 2.0 * n, 2.0) for n in (1, 2, 3)),
+        shift(0.0, 8.0, 1.8),
+    ]
     yield recipe(
         stage,
         "swerving",

@@ -120,7 +120,9 @@ class _Index:
 
     def __init__(self, maneuvers: pd.DataFrame) -> None:
         self.label = maneuvers["label"].to_numpy(dtype=str)
-        self.kind, self.partner_kind = (maneuvers[name].to_numpy(dtype=str) for name in ("kind", "partner_kind"))
+        self.kind, self.partner_kind = (
+            maneuvers[name].to_numpy(dtype=str) for name in ("kind", "partner_kind")
+        )
         self.recording = pd.factorize(maneuvers["recording"])[0]
         names = maneuvers["recording"].astype(str) + "\n" + maneuvers["object"].astype(str)
         partners = maneuvers["recording"].astype(str) + "\n" + maneuvers["partner"].astype(str)

@@ -92,7 +92,9 @@ def _crossing(
     if abs(side) < QUARTER and goes_on == (abs(own.turn) <= straight):
         return ""  # one behind the other, or side by side
     if abs(own.turn) <= straight:
-        return STRAIGHT if goes_on and QUARTER <= abs(side) <= 3.0 * QUARTER else ("" if not goes_on else OTHER)
+        return (
+            STRAIGHT if goes_on and QUARTER <= abs(side) <= 3.0 * QUARTER else ("" if not goes_on else OTHER)
+        )
     if not goes_on:
         return OTHER
     if abs(side) < QUARTER:

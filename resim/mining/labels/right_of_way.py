@@ -84,7 +84,9 @@ class _Rights:
         lanes = features.lanes
         inside = np.flatnonzero((lanes.junction >= 0) & (lanes.lanes > 0)).tolist()
         before = {row: _of(lanes.before, row) for row in inside}
-        self.approaches = {row: [one for one in rows if lanes.junction[one] < 0] for row, rows in before.items()}
+        self.approaches = {
+            row: [one for one in rows if lanes.junction[one] < 0] for row, rows in before.items()
+        }
         signs = {one: _signs(lanes, one, rules.near) for rows in self.approaches.values() for one in rows}
         lit = {row for row in inside if "light" in _signs(lanes, row, np.inf)}
         lit |= {row for row, rows in self.approaches.items() if any("light" in signs[one] for one in rows)}
