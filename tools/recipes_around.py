@@ -25,6 +25,8 @@ AVOID, CRASH = "Avoiding maneuvers", "Accident scenarios"
 ANIMAL = {"kind": "unknown", "length": 1.4, "width": 0.5}
 THING = {"kind": "unknown", "length": 1.5, "width": 1.2}
 BARRIER = {"kind": "unknown", "length": 1.2, "width": 0.5}
+STRONG = 4.2
+"""m/s² by which the EGO brakes for those who cross."""
 FAR, HIT = 165.0, 5.5
 """m of the motorway ahead of the EGO where somebody is, and when [s] the EGO is there at its usual speed."""
 
@@ -39,9 +41,10 @@ def around_recipes() -> Iterator[RecipeText]:
 
 
 def stops(stage: Stage) -> dict[str, list[float]]:
-    """The EGO's speeds over the way: it stops short of FAR."""
+    """The EGO's speeds over the way: it brakes strongly, and stops short of FAR."""
+    end = 150.0 * stage.scale
     return {
-        "ways": [0.0, round(20.0 * stage.scale, 1), round(150.0 * stage.scale, 1)],
+        "ways": [0.0, round(end - stage.v**2 / (2.0 * STRONG), 1), round(end, 1)],
         "values": [stage.v, stage.v, 0.0],
     }
 
@@ -142,13 +145,14 @@ def _avoided(stage: Stage) -> Iterator[RecipeText]:
         ego(stage, change=out),
         *works,
     )
+    gap, lasts = (59.0, 2.0) if stage is HIGHWAY else (66.5, 1.0)
     yield recipe(
         stage,
         "avoids_dynamic_object",
         (f"{AVOID} / Dynamic object avoidance",),
-        "A vehicle in the left lane drifts towards the EGO, which makes room",
-        ego(stage, change=[shift(-0.6, 2.0, 2.5), shift(0.0, 6.0, 2.5)]),
-        on(stage, "drifting", stage.left, 12.0, v, change=[shift(-0.9, 1.5, 3.0), shift(0.0, 5.5, 3.0)]),
+        "A slower vehicle pulls out of the left lane close ahead of the EGO, which brakes strongly",
+        ego(stage, profile((0.0, v), (3.25, v), (3.25 + lasts, 0.58 * v), (9.0, 0.58 * v))),
+        on(stage, "pulling", stage.left, gap, 0.6 * v, change=[change("right", 2.0, 2.5)]),
         duration=9.0,
     )
     yield recipe(
@@ -157,15 +161,16 @@ def _avoided(stage: Stage) -> Iterator[RecipeText]:
         (f"{AVOID} / Evasive action without prior vehicle maneuver",),
         "The lead vehicle brakes hard; the EGO evades to the left lane at once",
         ego(stage, change=[change("left", 2.8, 2.2)]),
-        on(stage, "lead", stage.ego, 50.0, profile((0.0, v), (1.5, v), (4.5, 0.3 * v), (8.0, 0.3 * v))),
+        on(stage, "lead", stage.ego, 45.0, profile((0.0, v), (1.5, v), (4.5, 0.3 * v), (8.0, 0.3 * v))),
     )
+    near = 46.0 if stage is HIGHWAY else 50.0
     yield recipe(
         stage,
         "evasive_action_after_maneuver",
         (f"{AVOID} / Evasive action with prior vehicle maneuver",),
         "The EGO changes to the left lane and evades back, as the vehicle there brakes",
         ego(stage, change=[change("left", 0.5, 3.0), change("right", 4.5, 2.5)]),
-        on(stage, "lead", stage.left, 80.0, profile((0.0, v), (2.5, v), (6.0, 0.45 * v), (9.0, 0.45 * v))),
+        on(stage, "lead", stage.left, near, profile((0.0, v), (2.5, v), (6.0, 0.45 * v), (9.0, 0.45 * v))),
         duration=8.0,
     )
 
@@ -245,9 +250,11 @@ def _accidents(stage: Stage) -> Iterator[RecipeText]:
         stage,
         "drifting_same_direction",
         (f"{CRASH} / Vehicle(s) drifting – same direction",),
-        "A vehicle beside the EGO drifts into its lane's border",
-        ego(stage),
-        on(stage, "drifting", stage.left, 4.0, v, change=[shift(-0.8, 1.0, 6.0)]),
+        "A vehicle beside the EGO drifts towards it, and their sides touch",
+        ego(stage, offset=0.5),
+        on(stage, "drifting", stage.left, 2.0, v, change=[shift(-1.6, 1.0, 6.0)]),
+        overlaps=(("ego", "drifting"),),
+        duration=5.2 if stage is URBAN else 8.0,
     )
     yield recipe(
         stage,
@@ -295,10 +302,10 @@ def _cyclists(stage: Stage) -> Iterator[RecipeText]:
         stage,
         "cyclist_parallel",
         (f"{parallel}: vehicle going straight on parallel paths",),
-        "The EGO passes a cyclist at the right edge, with room to it",
-        ego(stage, 0.8 * stage.v, change=[shift(0.6, 1.0, 3.0)])
-        if not highway
-        else ego(stage, 0.8 * stage.v),
+        "The EGO passes a cyclist in the lane to its right"
+        if highway
+        else "The EGO changes to the left lane and passes a cyclist",
+        ego(stage, 0.8 * stage.v, change=[] if highway else [change("left", 0.5, 3.0)]),
         on(stage, "cyclist", outer, 60.0, 5.0, offset=-1.3, **bicycle),
     )
     yield recipe(
@@ -306,8 +313,8 @@ def _cyclists(stage: Stage) -> Iterator[RecipeText]:
         "cyclist_starting",
         (f"{parallel}: vehicle starting in traffic lane on crossing paths",),
         "The EGO starts in its lane as a cyclist crosses ahead of it",
-        on(stage, "ego", stage.ego, FAR - 12.0 / stage.scale, profile((0.0, 0.0), (4.5, 0.0), (9.0, 6.0))),
-        crosser(stage, "cyclist", 3.5, **bicycle),
+        on(stage, "ego", stage.ego, FAR - 12.0 / stage.scale, profile((0.0, 0.0), (3.5, 0.0), (8.0, 6.0))),
+        crosser(stage, "cyclist", 2.5 if highway else 3.5, **bicycle),
         duration=10.0,
     )
     yield from crashes(stage, "Cyclist" if highway else CRASH, "Cyclist", "cyclist", bicycle, 3.5)
@@ -355,9 +362,9 @@ def _pedestrians(stage: Stage) -> Iterator[RecipeText]:
         stage,
         "pedestrian_along",
         (f"{group} / {name}: vehicle going straight and pedestrian walking along road",),
-        "A pedestrian walks along the edge of the road; the EGO passes with room",
-        ego(stage, 0.8 * stage.v, change=[] if highway else [shift(0.5, 1.0, 3.0)]),
-        on(stage, "walker", outer, 60.0, 1.4, offset=-1.5, **who),
+        "A pedestrian walks along the edge of the road; the EGO passes in the next lane",
+        ego(stage, 0.8 * stage.v, change=[] if highway else [change("left", 0.5, 3.0)]),
+        on(stage, "walker", outer, 60.0 if highway else 100.0, 1.4, offset=-1.5, **who),
     )
     yield recipe(
         stage,

@@ -9,6 +9,8 @@ from recipe_parts import Object, RecipeText, across, change, free, profile
 LANE, LAW, AVOID, CRASH = "Lane change", "Violating traffic laws", "Avoiding maneuvers", "Accident scenarios"
 PROTECTED, UNPROTECTED = "Protected turn / road crossing", "Unprotected turn / road crossing"
 WALKED = "turn while pedestrian / cyclist crossing road"
+YIELDS_LEFT = {"ways": [0.0, 20.0, 74.0, 110.0], "values": [11.0, 10.0, 1.5, 7.0]}
+YIELDS_RIGHT = {"ways": [0.0, 20.0, 66.0, 100.0], "values": [11.0, 10.0, 1.5, 7.0]}
 LEFT = {"ways": [0.0, 25.0, 70.0, 110.0], "values": [11.0, 10.0, 6.5, 9.0]}
 """Over the way of who turns at the lights and starts 60 m ahead of them."""
 
@@ -61,25 +63,27 @@ def _at_the_lights() -> Iterator[RecipeText]:
         free("ego", "1", -1, 200.0, 12.0, via=["101"]),
         south,
         north,
-        duration=10.0,
+        duration=13.0,
     )
-    yields = {"ways": [0.0, 20.0, 74.0], "values": [11.0, 10.0, 0.0]}
     walker = across("walker", "4", 6.0, (-2, -1, 1, 2), 1.2, kind="pedestrian", appears=4.0)
     yield town(
         "protected_left_pedestrian",
         (f"Protected {WALKED} / Protected left turn with pedestrian / cyclist crossing road",),
-        "The EGO turns left at the lights and waits for a pedestrian on the crosswalk behind them",
-        left(yields),
+        "The EGO turns left at the lights and lets a pedestrian pass behind them; oncoming traffic waits",
+        left(YIELDS_LEFT),
         oncoming,
         walker,
+        duration=20.0,
     )
     walker = across("walker", "3", 416.9, (-2, -1, 1, 2), 1.2, kind="pedestrian", appears=4.0)
     yield town(
         "protected_right_pedestrian",
         (f"Protected {WALKED} / Protected right turn with pedestrian / cyclist crossing road",),
-        "The EGO turns right at the lights and waits for a pedestrian on the crosswalk behind them",
-        right(yields),
+        "The EGO turns right at the lights and lets a pedestrian pass behind them; crossing traffic waits",
+        right(YIELDS_RIGHT),
+        north,
         walker,
+        duration=20.0,
     )
 
 
@@ -92,7 +96,7 @@ def _at_the_signs() -> Iterator[RecipeText]:
         "The EGO waits for oncoming traffic and turns left",
         free("ego", "5", 1, 35.0, waits, via=["204"]),
         first,
-        duration=15.0,
+        duration=19.0,
     )
     yield town(
         "unprotected_right",
@@ -100,7 +104,7 @@ def _at_the_signs() -> Iterator[RecipeText]:
         "The EGO comes from the side road, waits for traffic on the main road and turns right",
         free("ego", "6", -1, 165.0, waits, via=["206"]),
         free("main", "2", -2, 150.0, 12.5, via=["201"]),
-        duration=15.0,
+        duration=19.0,
     )
     yield town(
         "unprotected_crossing",
@@ -109,20 +113,22 @@ def _at_the_signs() -> Iterator[RecipeText]:
         free("ego", "2", -1, 180.0, 12.0, via=["201"]),
         free("side", "6", -1, 194.0, 0.0),
     )
-    slow = {"ways": [0.0, 30.0, 58.0], "values": [10.0, 7.0, 0.0]}
+    slow = {"ways": [0.0, 30.0, 58.0, 90.0], "values": [10.0, 7.0, 1.5, 7.0]}
     yield town(
         "unprotected_left_pedestrian",
         (f"Unprotected {WALKED} / Unprotected left turn with pedestrian / cyclist crossing road",),
-        "The EGO turns left and waits for a pedestrian who crosses the side road",
+        "The EGO turns left and lets a pedestrian pass who crosses the side road",
         free("ego", "5", 1, 34.0, slow, via=["204"]),
         across("walker", "6", 188.0, (2, 1, -1, -2), 1.2, kind="pedestrian", appears=3.0),
+        duration=20.0,
     )
     yield town(
         "unprotected_right_cyclist",
         (f"Unprotected {WALKED} / Unprotected right turn with pedestrian / cyclist crossing road",),
-        "The EGO turns right and waits for a cyclist who crosses the side road",
+        "The EGO turns right and lets a cyclist pass who crosses the side road",
         free("ego", "2", -2, 226.0, slow, via=["202"]),
         across("cyclist", "6", 188.0, (2, 1, -1, -2), 1.5, kind="bicycle", appears=3.5),
+        duration=20.0,
     )
     yield town(
         "crossing_road",
@@ -206,42 +212,46 @@ def _parking_and_turning() -> Iterator[RecipeText]:
             via=["201"],
         ),
         turning,
-        duration=16.0,
+        duration=20.0,
     )
+    turns = {"ways": [0.0, 30.0, 60.0, 100.0], "values": [10.0, 8.0, 6.0, 8.0]}
     yield town(
         "passing_and_turning",
         (f"{LANE} / 1 vehicle passing and another turning",),
-        "The EGO passes a vehicle that slows down and turns right",
+        "The EGO passes a slow vehicle, ahead of which another one turns right",
         free("ego", "2", -2, 90.0, 12.0, via=["201"], change=[change("left", 1.0, 4.0)]),
-        turning,
+        free("slow", "2", -2, 150.0, 6.0, via=["201"]),
+        turning | {"route": turning["route"] | {"s": 200.0}, "speed": turns},
         duration=14.0,
     )
 
 
 def _cyclists() -> Iterator[RecipeText]:
     row = f"{AVOID} / Avoiding cyclist: vehicle turning"
-    yields = {"ways": [0.0, 20.0, 74.0], "values": [11.0, 10.0, 0.0]}
     yield town(
         "cyclist_left_crossing",
         (f"{row} left on crossing paths",),
-        "The EGO turns left and waits for a cyclist who crosses the road that it turns into",
-        left(yields),
+        "The EGO turns left and lets a cyclist pass who crosses the road that it turns into",
+        left(YIELDS_LEFT),
         across("cyclist", "4", 6.0, (-2, -1, 1, 2), 2.0, kind="bicycle", appears=5.0),
+        duration=20.0,
     )
-    waits = {"ways": [0.0, 20.0, 66.0], "values": [11.0, 10.0, 0.0]}
+    waits = {"ways": [0.0, 20.0, 66.0, 105.0], "values": [11.0, 10.0, 1.5, 7.0]}
     yield town(
         "cyclist_left_parallel",
         (f"{row} left on parallel paths",),
-        "The EGO waits to turn left for a cyclist who comes the other way",
+        "The EGO turns left behind a cyclist who comes the other way",
         left(waits),
         free("cyclist", "2", 2, 45.0, 6.0, via=["104"], kind="bicycle", offset=-1.0),
+        duration=20.0,
     )
     yield town(
         "cyclist_right_crossing",
         (f"{row} right on crossing paths",),
-        "The EGO turns right and waits for a cyclist who crosses the road that it turns into",
-        right(yields),
+        "The EGO turns right and lets a cyclist pass who crosses the road that it turns into",
+        right(YIELDS_RIGHT),
         across("cyclist", "3", 416.9, (-2, -1, 1, 2), 2.0, kind="bicycle", appears=5.0),
+        duration=20.0,
     )
     yield town(
         "cyclist_right_parallel",
@@ -249,7 +259,7 @@ def _cyclists() -> Iterator[RecipeText]:
         "The EGO turns right behind a cyclist beside it who goes straight on",
         right({"ways": [0.0, 20.0, 50.0, 66.0, 100.0], "values": [9.0, 8.0, 5.0, 4.0, 8.0]}),
         free("cyclist", "1", -2, 252.0, 7.0, via=["101"], kind="bicycle", offset=-1.4),
-        duration=14.0,
+        duration=18.0,
     )
 
 
@@ -274,104 +284,86 @@ def _backing() -> Iterator[RecipeText]:
     yield town(
         "backing_at_intersection",
         (f"{CRASH} / Backing: at intersections",),
-        "A vehicle backs away from the lights; the EGO stops behind it",
-        free("ego", "1", -2, 210.0, {"ways": [0.0, 10.0, 50.0], "values": [10.0, 10.0, 0.0]}),
+        "A vehicle backs away from the lights, into the EGO, which stops behind it",
+        free("ego", "1", -2, 215.0, {"ways": [0.0, 10.0, 62.5], "values": [10.0, 10.0, 0.0]}),
         free(
             "backing",
             "1",
             -2,
-            290.0,
-            profile((0.0, 0.0), (3.0, 0.0), (5.0, 2.0), (9.0, 2.0), (11.0, 0.0)),
+            296.0,
+            profile((0.0, 0.0), (2.0, 0.0), (4.0, 2.0), (9.0, 2.0), (12.0, 0.0)),
             against=True,
             reverse=True,
         ),
+        duration=10.5,
+        overlaps=(("ego", "backing"),),
     )
 
 
 def _crossing_paths() -> Iterator[RecipeText]:
-    def row(text: str) -> tuple[str]:
-        return (f"{CRASH} / Crossing paths: {text}",)
+    def crash(name: str, row: str, text: str, *objects: Object, duration: float) -> RecipeText:
+        pair = (str(objects[0]["id"]), str(objects[1]["id"]))
+        rows = (f"{CRASH} / Crossing paths: {row}",)
+        return town(name, rows, text, *objects, duration=duration, overlaps=(pair,))
 
-    brakes = {"ways": [0.0, 40.0, 90.0], "values": [12.0, 12.0, 0.0]}
-    main = free("ego", "2", -1, 166.0, brakes, via=["201"])
-    turns = {"ways": [0.0, 50.0, 120.0], "values": [7.0, 7.0, 9.0]}
-    yield town(
+    def main(lane: int, s: float) -> Object:
+        return free("ego", "2", lane, s, 12.0, via=["201"])
+
+    yield crash(
         "left_across_lateral",
-        row("left turn across path from lateral direction"),
-        "A vehicle from the side road turns left across the EGO's way; the EGO stops",
-        main,
-        free("turning", "6", -1, 160.0, turns, via=["205"]),
+        "left turn across path from lateral direction",
+        "A vehicle from the side road turns left across the EGO's way, and they collide",
+        main(-1, 166.0),
+        free("turning", "6", -1, 160.0, 7.0, via=["205"]),
+        duration=9.0,
     )
-    yield town(
+    yield crash(
         "left_across_opposite",
-        row("left turn across path from opposite direction"),
-        "An oncoming vehicle turns left across the EGO's way; the EGO stops",
-        main,
-        free("turning", "5", 1, 35.0, turns, via=["204"]),
+        "left turn across path from opposite direction",
+        "An oncoming vehicle turns left across the EGO's way, and they collide",
+        main(-1, 198.0),
+        free("turning", "5", 1, 40.0, 7.0, via=["204"]),
+        duration=7.6,
     )
-    west = free(
-        "ego",
-        "5",
-        1,
-        110.0,
-        {"ways": [0.0, 50.0, 120.0, 200.0], "values": [12.0, 12.0, 5.0, 7.0]},
-        via=["203"],
-    )
-    yield town(
+    yield crash(
         "left_into_path",
-        row("left turn into path"),
-        "A vehicle from the side road turns left into the EGO's way, ahead of it",
-        west,
-        free(
-            "turning", "6", -1, 170.0, {"ways": [0.0, 60.0, 120.0], "values": [6.0, 7.0, 11.0]}, via=["205"]
-        ),
-        duration=15.0,
+        "left turn into path",
+        "A vehicle from the side road turns left into the EGO's way, and they collide",
+        free("ego", "5", 1, 75.0, 12.0, via=["203"]),
+        free("turning", "6", -1, 170.0, 6.5, via=["205"]),
+        duration=8.4,
     )
-    east = free(
-        "ego",
-        "2",
-        -2,
-        166.0,
-        {"ways": [0.0, 40.0, 100.0, 200.0], "values": [12.0, 12.0, 4.0, 8.0]},
-        via=["201"],
-    )
-    yield town(
+    steep = [(301.75, -50.0), (301.75, -35.0), (301.75, -20.0), (302.2, -12.0), (304.5, -6.0), (309.0, -2.6),
+             (318.0, -1.75), (335.0, -1.75)]  # fmt: skip
+    yield crash(
         "right_across_lateral",
-        row("right turn across path from lateral direction"),
-        "A vehicle from the side road turns right across the EGO's lane into the lane beyond it",
-        east,
-        free(
-            "turning",
-            "6",
-            -1,
-            170.0,
-            {"ways": [0.0, 60.0, 120.0], "values": [6.5, 7.5, 11.0]},
-            via=["206"],
-            change=[{"to": "left", "at": 62.0, "seconds": 4.0}],
-        ),
-        duration=15.0,
+        "right turn across path from lateral direction",
+        "A vehicle from the side road turns right across the EGO's lane towards the lane beyond it, and they collide",
+        main(-2, 183.0),
+        {"id": "turning", "route": {"points": steep}, "speed": 5.0},
+        duration=8.6,
     )
-    yield town(
+    yield crash(
         "right_into_path",
-        row("right turn into path"),
-        "A vehicle from the side road turns right into the EGO's lane, ahead of it",
-        east,
-        free(
-            "turning", "6", -1, 170.0, {"ways": [0.0, 60.0, 120.0], "values": [6.5, 7.5, 11.0]}, via=["206"]
-        ),
-        duration=15.0,
+        "right turn into path",
+        "A vehicle from the side road turns right into the EGO's lane, and they collide",
+        main(-2, 207.0),
+        free("turning", "6", -1, 170.0, 6.9, via=["206"]),
+        duration=6.8,
     )
-    yield town(
+    yield crash(
         "straight_crossing",
-        row("straight crossing paths"),
-        "A vehicle crosses at the lights ahead of the EGO, which brakes",
-        free("ego", "1", -1, 200.0, {"ways": [0.0, 30.0, 92.0], "values": [12.0, 12.0, 0.0]}, via=["101"]),
-        free("crossing", "3", -1, 350.0, 11.0, via=["107"]),
+        "straight crossing paths",
+        "A vehicle crosses at the lights, and it and the EGO collide",
+        free("ego", "1", -1, 220.0, 12.0, via=["101"]),
+        free("crossing", "3", -1, 347.0, 11.0, via=["107"]),
+        duration=8.7,
     )
-    yield town(
+    yield crash(
         "other_crossing",
-        row("other/unknown"),
-        "Two who come towards each other turn left, and their ways cross; the EGO waits inside",
-        left({"ways": [0.0, 20.0, 60.0], "values": [11.0, 9.0, 0.0]}),
-        free("oncoming", "2", 1, 62.0, {"ways": [0.0, 40.0, 90.0], "values": [11.0, 7.0, 9.0]}, via=["105"]),
+        "other/unknown",
+        "The EGO and a vehicle from its right both turn left, and they collide",
+        left(),
+        free("turning", "3", -1, 386.5, 8.0, via=["108"]),
+        duration=8.0,
     )

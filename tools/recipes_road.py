@@ -44,14 +44,15 @@ def ego(stage: Stage, speed: object = None, **told: object) -> Object:
 
 def _lane_changes(stage: Stage) -> Iterator[RecipeText]:
     v = stage.v
+    low, ahead, lasts = (0.65 * v, 61.5, 2.0) if stage is HIGHWAY else (0.5 * v, 87.5, 1.2)
     yield recipe(
         stage,
         "encroaching_same_lane",
         (f"{LANE} / 2 vehicles going straight and 1 vehicle encroaching in same lane",),
-        "Two go straight in one lane; a third changes into the gap between them",
-        ego(stage),
-        on(stage, "lead", stage.ego, 75.0, v),
-        on(stage, "third", stage.left, 36.0, v, change=[change("right", 2.0, 4.0)]),
+        "Two go straight in one lane; a slower third changes into the gap between them, and the EGO brakes",
+        ego(stage, profile((0.0, v), (4.0, v), (4.0 + lasts, low), (8.0, low))),
+        on(stage, "lead", stage.ego, 150.0, v),
+        on(stage, "third", stage.left, ahead, low, change=[change("right", 2.0, 4.0)]),
     )
     yield recipe(
         stage,
@@ -91,6 +92,7 @@ def _lane_changes(stage: Stage) -> Iterator[RecipeText]:
 def _lead(stage: Stage) -> Iterator[RecipeText]:
     v = stage.v
     gap = 45.0
+    slow, lasts = (56.5, 2.5) if stage is HIGHWAY else (64.0, 1.3)
     yield recipe(
         stage,
         "lead_accelerates",
@@ -117,9 +119,9 @@ def _lead(stage: Stage) -> Iterator[RecipeText]:
         stage,
         "lead_much_slower",
         (f"{LEAD} / Lead vehicle moving at much lower constant speed",),
-        "The lead vehicle moves at a much lower constant speed; the EGO brakes",
-        ego(stage, profile((0.0, v), (1.0, v), (5.0, 0.4 * v), (8.0, 0.4 * v))),
-        on(stage, "lead", stage.ego, 120.0, 0.4 * v),
+        "The lead vehicle moves at a much lower constant speed; the EGO brakes late",
+        ego(stage, profile((0.0, v), (2.0, v), (2.0 + lasts, 0.5 * v), (8.0, 0.5 * v))),
+        on(stage, "lead", stage.ego, slow, 0.5 * v),
     )
     stop = {"ways": [0.0, round(20.0 * stage.scale, 1), round(150.0 * stage.scale, 1)], "values": [v, v, 0.0]}
     yield recipe(
@@ -139,19 +141,20 @@ def _lead(stage: Stage) -> Iterator[RecipeText]:
         ego(stage),
         on(stage, "lead", stage.ego, gap, v, change=[change("left", 2.0, 4.0)]),
     )
+    near, low, braked = (10.0, 0.75 * v, 5.5) if stage is HIGHWAY else (35.0, 0.4 * v, 5.0)
     yield recipe(
         stage,
         "lead_cuts_in",
         (f"{LEAD} / Lead vehicle cutting-in",),
-        "A faster vehicle overtakes and cuts in close ahead, then slows down",
-        ego(stage, profile((0.0, v), (5.0, v), (9.0, 0.85 * v))),
+        "A faster vehicle overtakes, brakes as it cuts in close ahead, and so does the EGO",
+        ego(stage, profile((0.0, v), (3.5, v), (braked, low - 0.05 * v), (9.0, low - 0.05 * v))),
         on(
             stage,
             "lead",
             stage.left,
-            5.0,
-            profile((0.0, 1.12 * v), (4.0, 1.1 * v), (6.0, 0.95 * v)),
-            change=[change("right", 1.5, 3.0)],
+            near,
+            profile((0.0, 1.1 * v), (2.0, 1.1 * v), (3.5, low), (9.0, low)),
+            change=[change("right", 2.0, 3.0)],
         ),
         duration=9.0,
     )
@@ -162,7 +165,7 @@ def _lead(stage: Stage) -> Iterator[RecipeText]:
         "The lead vehicle leaves the lane at the last moment and reveals a slow one",
         ego(stage, profile((0.0, v), (2.5, v), (6.0, 0.45 * v), (9.0, 0.45 * v))),
         on(stage, "lead", stage.ego, 35.0, v, change=[change("left", 1.0, 2.5)]),
-        on(stage, "slow", stage.ego, 120.0, 0.4 * v),
+        on(stage, "slow", stage.ego, 108.0, 0.4 * v),
         duration=9.0,
     )
 
@@ -209,7 +212,11 @@ def _violations(stage: Stage) -> Iterator[RecipeText]:
             ego(stage, 0.8 * v),
             on(right, "other", right.right, -35.0, 1.1 * v),
         )
-    weave = [shift(0.7, 1.0, 1.8), shift(-0.7, 2.8, 2.0), shift(0.7, 4.8, 2.0), shift(0.0, 6.8, 1.8)]
+    weave = [
+        shift(0.7, 0.5, 1.5),
+        *(shift(0.7 * (-1) ** n, 2.0 * n, 2.0) for n in (1, 2, 3)),
+        shift(0.0, 8.0, 1.8),
+    ]
     yield recipe(
         stage,
         "swerving",
@@ -263,9 +270,9 @@ def _geometry() -> Iterator[RecipeText]:
         "The right lane ends: who is on it merges between two others",
         "motorway",
         (
-            free("ego", "9", 3, 2240.0, 27.0),
-            free("lead", "9", 3, 2130.0, 27.0),
-            free("merging", "9", 4, 2190.0, 27.5, change=[{"to": "left", "at": 130.0, "seconds": 5.0}]),
+            free("ego", "9", 3, 2200.0, 27.0),
+            free("lead", "9", 3, 2090.0, 27.0),
+            free("merging", "9", 4, 2150.0, 27.5, change=[{"to": "left", "at": 105.0, "seconds": 5.0}]),
         ),
         14.0,
     )

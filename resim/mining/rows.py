@@ -11,13 +11,16 @@ from resim.mining.extraction import ExtractedScenario, tag
 from resim.mining.features import Features
 from resim.mining.maneuver import LabelledManeuver
 
-MANEUVER_COLUMNS = ("recording", "object", "label", "start", "end", "t", "partner", "lane_from", "lane_to")
-"""Of maneuvers.parquet, before the figures: start, end, t [s] on the recording's clock; lanes as road/lane, at the
-first and the last sample."""
+MANEUVER_COLUMNS = (
+    "recording", "object", "label", "start", "end", "t", "partner", "kind", "partner_kind", "lane_from", "lane_to",
+    "x_from", "y_from", "x_to", "y_to",
+)  # fmt: skip
+"""Of maneuvers.parquet, before the figures: start, end, t [s] on the recording's clock; kinds of object and partner;
+lanes as road/lane, and places [m] in the map's frame, at the first and the last sample."""
 FIGURES = (
     "lanes", "duration_s", "most_across_mps", "v_mps", "ttc_s", "thw_s", "distance_m", "closing_mps", "required_m",
     "share", "limit_mps", "over_mps", "a_mps2", "v_start_mps", "v_end_mps", "turned_rad", "v_passed_mps", "swing_m",
-    "turns", "relative_speed_mps",
+    "turns", "relative_speed_mps", "slip_rad",
 )  # fmt: skip
 """Figures of labels that ship; those of one's own come after them."""
 SCENARIO_COLUMNS = (
@@ -32,7 +35,7 @@ names with spaces between; triggers: how many maneuvers it is cut out for."""
 def maneuver_frame(recording: str, features: Features, maneuvers: Sequence[LabelledManeuver]) -> pd.DataFrame:
     """Give a row per maneuver, with MANEUVER_COLUMNS and the figures, NaN where a label has none."""
     samples = features.samples
-    ids = samples.tracks.ids.tolist()
+    ids, kinds = samples.tracks.ids.tolist(), samples.tracks.kind.tolist()
     ends = np.array([(m.start, m.end, m.at) for m in maneuvers], dtype=np.intp).reshape(-1, 3)
     start, end, t = (samples.t[ends[:, k]] for k in range(3))
     own = dict.fromkeys(name for m in maneuvers for name in m.figures if name not in FIGURES)
@@ -42,11 +45,16 @@ def maneuver_frame(recording: str, features: Features, maneuvers: Sequence[Label
         "label": [m.label for m in maneuvers],
         "start": start, "end": end, "t": t,
         "partner": ["" if m.partner < 0 else ids[m.partner] for m in maneuvers],
+        "kind": [kinds[m.object] for m in maneuvers],
+        "partner_kind": ["" if m.partner < 0 else kinds[m.partner] for m in maneuvers],
         "lane_from": features.lane_names(ends[:, 0]), "lane_to": features.lane_names(ends[:, 1]),
+        "x_from": samples.x[ends[:, 0]], "y_from": samples.y[ends[:, 0]],
+        "x_to": samples.x[ends[:, 1]], "y_to": samples.y[ends[:, 1]],
     }  # fmt: skip
     for name in (*FIGURES, *sorted(own)):
         table[name] = np.array([m.figures.get(name, np.nan) for m in maneuvers], dtype=float)
-    return _typed(pd.DataFrame(table), ("recording", "object", "label", "partner", "lane_from", "lane_to"))
+    texts = ("recording", "object", "label", "partner", "kind", "partner_kind", "lane_from", "lane_to")
+    return _typed(pd.DataFrame(table), texts)
 
 
 def scenario_frame(

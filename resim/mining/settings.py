@@ -134,6 +134,56 @@ class CriticalSettings(Strict):
     shortest: float = Field(default=0.0, ge=0.0)
 
 
+class OnFootSettings(Strict):
+    """Pedestrians. running [m/s]: from this speed on, who crosses runs. staying [s]: who is then within staying_radius
+    [m] stays there. crowd: so many within crowd_radius [m] of a vehicle are a crowd.
+    """
+
+    running: float = Field(default=2.5, gt=0.0)
+    staying: float = Field(default=5.0, gt=0.0)
+    staying_radius: float = Field(default=3.0, gt=0.0)
+    crowd: int = Field(default=5, ge=2)
+    crowd_radius: float = Field(default=10.0, gt=0.0)
+
+
+class StartingSettings(Strict):
+    """Who stood and reaches `speed` [m/s] within `within` [s] starts."""
+
+    speed: float = Field(default=2.0, gt=0.0)
+    within: float = Field(default=5.0, gt=0.0)
+
+
+class SkiddingSettings(Strict):
+    """Moving `angle` [rad] or more off one's heading, faster than `speed` [m/s], for `shortest` [s] or longer."""
+
+    angle: float = Field(default=0.26, gt=0.0)
+    speed: float = Field(default=8.0, gt=0.0)
+    shortest: float = Field(default=0.3, ge=0.0)
+
+
+class RightOfWaySettings(Strict):
+    """Lights and stop signs of the map. near [m]: a signal stands up to so far before its junction, and who is held up
+    there stands so near. stop_speed [m/s]: who is no slower within stop_before [m] of the junction did not stop,
+    and who backs up so near to it backs up at it.
+    """
+
+    near: float = Field(default=50.0, gt=0.0)
+    stop_speed: float = Field(default=0.5, ge=0.0)
+    stop_before: float = Field(default=20.0, gt=0.0)
+
+
+class CrashSettings(Strict):
+    """Collisions by how they came about. lately [s]: who was in a junction so lately comes from there.
+
+    along [rad]: up to so much between headings, both go the same way. across [rad]: from so much on, who turns right
+    is still across the other's way.
+    """
+
+    lately: float = Field(default=3.0, ge=0.0)
+    along: float = Field(default=0.52, gt=0.0)
+    across: float = Field(default=0.79, gt=0.0)
+
+
 class RegionSettings(Strict):
     """A place of one's own on a map (Kaefer 2022, Fig. 4.48): `corners` [m] in the map's frame.
 
@@ -211,6 +261,11 @@ class MiningSettings(Strict):
     passing: PassingSettings = PassingSettings()
     follow_lane: FollowingSettings = FollowingSettings()
     critical: CriticalSettings = CriticalSettings()
+    on_foot: OnFootSettings = OnFootSettings()
+    starting: StartingSettings = StartingSettings()
+    skidding: SkiddingSettings = SkiddingSettings()
+    right_of_way: RightOfWaySettings = RightOfWaySettings()
+    crash: CrashSettings = CrashSettings()
     region: tuple[RegionSettings, ...] = ()
     way: tuple[RegionWaySettings, ...] = ()
     label: tuple[OwnLabelSettings, ...] = ()

@@ -32,7 +32,7 @@ def mined(
 def told(found: Features, maneuvers: list[LabelledManeuver], *without: str) -> list[tuple[str, str]]:
     """Who did what, but for what everybody does all the time."""
     ids = found.samples.tracks.ids.tolist()
-    quiet = {"follow_lane", *without}
+    quiet = {"follow_lane", "road_widens", "lane_ends", "unprotected_way", *without}
     return sorted((ids[m.object], m.label) for m in maneuvers if m.label not in quiet)
 
 
@@ -209,7 +209,9 @@ def test_cut_ins_and_cut_outs_go_by_the_time_to_collision(tmp_path: Path) -> Non
     out = Drive("out", lambda t: 0.0 + 20.0 * t, lambda t: smooth(t, 2.0, 2.5, 3.5), end=9.0)
     slow = Drive("slow", lambda t: 42.0 + 8.0 * t, end=9.0)
     found, maneuvers = mined(tracks_of(path, [out, slow]), network)
-    pairs = told(found, maneuvers, "tailgating_minor", "critical_ttc", "critical_thw", "collision", "pass")
+    pairs = told(
+        found, maneuvers, "tailgating_minor", "critical_ttc", "critical_thw", "collision", "sideswipe", "pass"
+    )
     assert pairs == [("out", "cut_out_left"), ("out", "lane_change_left")]
     left = next(m for m in maneuvers if m.label == "cut_out_left")
     assert left.figures["ttc_s"] < 2.0

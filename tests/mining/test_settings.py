@@ -44,10 +44,25 @@ def test_every_row_of_the_catalogs_is_there_with_a_query_or_a_reason() -> None:
 
 
 def test_queries_look_at_partners_others_and_what_was_before() -> None:
-    rows = [("r", "a", "follow_lane", 0.0, 10.0, "b"), ("r", "b", "strong_braking", 5.0, 6.0, ""),
-            ("r", "c", "strong_braking", 2.0, 3.0, ""), ("r", "b", "lane_change_left", 1.0, 3.0, ""),
-            ("q", "b", "strong_braking", 5.0, 6.0, "")]  # fmt: skip
-    table = pd.DataFrame(rows, columns=["recording", "object", "label", "start", "end", "partner"])
+    rows = [("r", "a", "follow_lane", 0.0, 10.0, "b", "car", "truck", 0.0, 200.0),
+            ("r", "b", "strong_braking", 5.0, 6.0, "", "truck", "", 150.0, 160.0),
+            ("r", "c", "strong_braking", 2.0, 3.0, "", "bicycle", "", 60.0, 80.0),
+            ("r", "b", "lane_change_left", 1.0, 3.0, "", "truck", "", 110.0, 130.0),
+            ("q", "b", "strong_braking", 5.0, 6.0, "", "car", "", 0.0, 0.0),
+            ("r", "d", "standing", 2.0, 3.0, "", "car", "", 900.0, 900.0)]  # fmt: skip
+    columns = [
+        "recording",
+        "object",
+        "label",
+        "start",
+        "end",
+        "partner",
+        "kind",
+        "partner_kind",
+        "x_from",
+        "x_to",
+    ]
+    table = pd.DataFrame(rows, columns=columns).assign(y_from=0.0, y_to=0.0)
 
     def found(**query: object) -> list[int]:
         return matching(KindQuery.model_validate(query), table).index.tolist()
@@ -58,6 +73,15 @@ def test_queries_look_at_partners_others_and_what_was_before() -> None:
     assert found(label=["strong_braking"], not_before=["lane_change_left"]) == [2, 4]
     assert found(label=["strong_braking"], before=["lane_change_left"], within=1.0) == []
     assert found(label=["follow_lane"], alone=True) == []
+    assert found(label=["lane_change_left"], before=["lane_change_left"]) == []
+    assert found(label=["strong_braking"], kind=["bicycle", "car"]) == [2, 4]
+    assert found(label=["follow_lane"], partner_kind=["truck"]) == [0]
+    assert found(label=["follow_lane"], partner_kind=["bicycle"]) == []
+    assert found(label=["strong_braking"], other=["lane_change_left"], other_kind=["truck"]) == [2]
+    assert found(label=["strong_braking"], other=["lane_change_left"], other_kind=["car"]) == []
+    assert found(label=["lane_change_left"], other=["standing"]) == []  # further away than 100 m
+    with pytest.raises(ValueError, match="other_kind"):
+        KindQuery.model_validate({"label": ["standing"], "other_kind": ["car"]})
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,18 @@ from resim.mining.labels import (  # isort: skip  the order in which they are fo
     swerving,
     follow_lane,
     others,
+    on_foot,
     collision,
     critical,
+    starting,
+    skidding,
+    road_edges,
+    right_of_way,
+    crashes,
 )
 
 __all__ = [
-    "acceleration", "collision", "critical", "cut", "follow_lane", "highway", "lane_change", "others", "passing",
-    "regions", "speed", "swerving", "tailgating", "turns", "wrong_way",
+    "acceleration", "collision", "crashes", "critical", "cut", "follow_lane", "highway", "lane_change", "on_foot",
+    "others", "passing", "regions", "right_of_way", "road_edges", "skidding", "speed", "starting", "swerving",
+    "tailgating", "turns", "wrong_way",
 ]  # fmt: skip

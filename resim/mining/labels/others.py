@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from resim.core.geometry import wrap_angle
+from resim.core.geometry import Bools, wrap_angle
 from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import joined, stretches
@@ -26,14 +26,13 @@ def find(
 ) -> Iterator[LabelledManeuver]:
     """Find pedestrians and cyclists that cross driven lanes, pedestrians along them, and vehicles that back up."""
     samples = features.samples
-    off = np.abs(wrap_angle(features.lane_heading - samples.heading))
-    slanted = (off > SLANTED) & (off < np.pi - SLANTED)
+    across = slanted(features)
     moves = (features.row >= 0) & (np.abs(samples.v) > STILL)
     weak = samples.kinds(frozenset({"pedestrian", "bicycle"}))
     on_foot = samples.kinds(frozenset({"pedestrian"}))
     backs = (samples.v < -STILL) & samples.kinds(frozenset(settings.kinds))
     for label, holds in (
-        (CROSSING, moves & slanted & weak), (ALONG, moves & ~slanted & on_foot), (REVERSING, backs),
+        (CROSSING, moves & across & weak), (ALONG, moves & ~across & on_foot), (REVERSING, backs),
     ):  # fmt: skip
         first, last = stretches(holds, samples.piece_of)
         for start, end in joined(first, last, samples.t, samples.piece_of, JOIN, SHORTEST):
@@ -42,6 +41,12 @@ def find(
                 "duration_s": float(samples.t[end] - samples.t[start]),
             }
             yield LabelledManeuver(label, int(samples.owner[start]), start, end, start, figures=figures)
+
+
+def slanted(features: Features) -> Bools:
+    """Say who is headed across its lane (K,)."""
+    off = np.abs(wrap_angle(features.lane_heading - features.samples.heading))
+    return (off > SLANTED) & (off < np.pi - SLANTED)
 
 
 FAMILIES.add(

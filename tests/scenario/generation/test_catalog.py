@@ -5,7 +5,9 @@ from __future__ import annotations
 import subprocess
 import sys
 import tomllib
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -29,6 +31,41 @@ def test_each_kind_of_the_catalogs_has_a_recipe_or_a_reason() -> None:
     left = [one["kind"] for one in tomllib.loads((CATALOG / "not_generated.toml").read_text("utf-8"))["kind"]]
     assert len(ROWS) == len(set(ROWS)) == 143
     assert sorted([*made, *left]) == sorted(ROWS)
+
+
+def _tool() -> ModuleType:
+    """tools/validate_kinds.py, which compares all recipes in `make validate`."""
+    spec = spec_from_file_location("validate_kinds", ROOT / "tools" / "validate_kinds.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules["validate_kinds"] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+TOOL = _tool()
+
+
+def test_recipes_and_queries_are_of_the_same_rows() -> None:
+    kinds = TOOL.kinds_by_row()
+    assert sorted(kinds) == sorted(row.lower() for row in ROWS)
+    made = {kind.lower() for path in RECIPES for kind in read_recipe(path).kinds}
+    left = tomllib.loads((CATALOG / "not_generated.toml").read_text("utf-8"))["kind"]
+    without = {one["kind"].lower() for one in left}
+    for row, kind in kinds.items():
+        if kind.find is not None:
+            assert (row in made) != (row in without), row
+    assert all(len(one["reason"]) > 20 for one in left)
+    # what a recipe shows and no list can tell: things that lists do not name
+    untold = {kind.name for row, kind in kinds.items() if kind.find is None and row in made}
+    assert all("animal" in name.lower() or name == "Avoiding construction zone" for name in untold)
+
+
+@pytest.mark.parametrize("path", RECIPES[3::16], ids=lambda path: path.stem)
+def test_a_recipe_is_found_by_the_queries_of_its_kinds(path: Path, tmp_path: Path) -> None:
+    told = list(TOOL.shown(path, TOOL.kinds_by_row(), tmp_path))
+    assert told
+    assert all(one.found is None or one.found > 0 for one in told)
 
 
 def test_the_recipes_are_what_the_tool_writes() -> None:

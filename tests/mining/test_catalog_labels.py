@@ -1,0 +1,61 @@
+"""Labels that the catalogs' rows want beyond Kaefer's own: by the map's lanes, and by how somebody moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mining.planted import Drive, path_of, smooth, steady, tracks_of, write_motorway
+
+from resim.core.tracks import Tracks
+from resim.mining.features import features
+from resim.mining.find import find_maneuvers
+from resim.road.opendrive import RoadNetwork, load
+
+
+@pytest.fixture
+def motorway(tmp_path: Path) -> RoadNetwork:
+    return load(write_motorway(tmp_path / "motorway.xodr"))
+
+
+def labels_of(tracks: Tracks, network: RoadNetwork) -> dict[str, list[float]]:
+    """When each label begins [s]."""
+    found = features(tracks, network)
+    out: dict[str, list[float]] = {}
+    for one in find_maneuvers(found):
+        out.setdefault(one.label, []).append(float(found.samples.t[one.start]))
+    return out
+
+
+def test_the_road_gets_lanes_and_loses_them(motorway: RoadNetwork) -> None:
+    path = path_of(motorway, "7", -1, 250.0, 300.0)
+    told = labels_of(tracks_of(path, [Drive("a", steady(20.0), end=14.0)]), motorway)
+    assert told["road_widens"] == pytest.approx([50.0 / 20.0], abs=0.05)
+    assert told["lane_ends"] == pytest.approx([250.0 / 20.0], abs=0.1)
+
+
+def test_who_leaves_the_road_at_its_side_and_who_leaves_the_map(motorway: RoadNetwork) -> None:
+    path = path_of(motorway, "7", -2, 20.0, 250.0)
+    away = Drive("a", steady(20.0), lambda t: -smooth(t, 2.0, 5.0, 3.5), end=9.0)
+    (begins,) = labels_of(tracks_of(path, [away]), motorway)["leave_road"]
+    assert begins == pytest.approx(4.5, abs=0.1)
+    end = path_of(motorway, "7", -2, 1500.0, 99.0)
+    assert "leave_road" not in labels_of(tracks_of(end, [Drive("a", steady(20.0), end=4.9)]), motorway)
+
+
+def test_who_skids_moves_across_its_heading(motorway: RoadNetwork) -> None:
+    path = path_of(motorway, "7", -1, 20.0, 250.0)
+    tracks = tracks_of(path, [Drive("a", steady(20.0), end=10.0)])
+    off = smooth(tracks.t, 4.0, 1.0, 0.5) - smooth(tracks.t, 6.0, 1.0, 0.5)
+    assert "skidding" not in labels_of(tracks, motorway)
+    (begins,) = labels_of(replace(tracks, heading=tracks.heading + off), motorway)["skidding"]
+    assert begins == pytest.approx(4.5, abs=0.1)
+
+
+def test_who_stood_drives_off(motorway: RoadNetwork) -> None:
+    path = path_of(motorway, "7", -1, 20.0, 250.0)
+    way = Drive("a", lambda t: np.clip(t - 3.0, 0.0, None) ** 2, end=8.0)
+    told = labels_of(tracks_of(path, [way]), motorway)
+    assert told["starting"] == pytest.approx([3.05], abs=0.05)
