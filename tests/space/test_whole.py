@@ -106,4 +106,6 @@ def test_a_space_is_built_covered_and_judged(tmp_path: Path) -> None:
         words = shlex.split(members.loc[member, "repeat"])
         assert words[0] == "resim"
         subprocess.run([sys.executable, "-m", "resim", *words[1:]], cwd=space, check=True)
-    assert (tmp_path / "repeated" / "report.json").is_file()  # of the drive; of variations no traces are written
+    assert (
+        tmp_path / "repeated" / "report.json"
+    ).is_file()  # of the drive; of variations no traces are written
