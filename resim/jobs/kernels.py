@@ -149,10 +149,9 @@ def _traces(study: MiningResult, options: TrainOptions) -> Iterator[RecordingTra
     table: pd.DataFrame = study.maneuvers
     wanted = {part.recording: wanted_maneuvers(table, part.recording) for part in study.report.parts}
     taken = chosen_maneuvers(wanted, options.longest, options.most)
-    tasks = [
-        CuttingTask(Path(part.folder), part.recording, taken[part.recording], options.longest)
-        for part in study.report.parts
-    ]
+    where = Path(os.path.realpath(study.folder))
+    folders = {part.recording: Path(os.path.normpath(where / part.folder)) for part in study.report.parts}
+    tasks = [CuttingTask(folder, name, taken[name], options.longest) for name, folder in folders.items()]
     workers = min(options.workers or os.cpu_count() or 1, len(tasks))
     waiting: dict[int, RecordingTraces] = {}
     following = 0

@@ -27,7 +27,7 @@ from resim.mining.maneuver import label_names
 from resim.mining.own_labels import LIMIT, MiningRules, read_rules, rules_of
 from resim.mining.page import write_mined_page, write_scenario_picture
 from resim.mining.report import MARK, MinedFailure, MiningReport
-from resim.mining.study import MinedPart, StudyOptions, mine_into, own_extraction
+from resim.mining.study import MinedPart, StudyOptions, mine_into, own_extraction, seen_from
 from resim.mining.study_run import finished
 from resim.recordings import read_recording
 from resim.recordings.settings import SETTINGS
@@ -180,7 +180,7 @@ def _mined(
             try:
                 yield mine_into(folder, name, target, study)
             except ResimError as e:
-                yield MinedFailure(name, str(folder), str(e))
+                yield MinedFailure(name, seen_from(target, folder), str(e))
         return
     tasks = [_MineTask(name, folder, target, study.rules.frozen, options) for name, folder in named.items()]
     limit = LIMIT * (1 + len(study.rules.own))
@@ -188,7 +188,7 @@ def _mined(
     for k, task in enumerate(tasks):
         told = found[k]
         why = told.reason if isinstance(told, Failure) else told
-        yield MinedFailure(task.name, str(task.folder), why) if isinstance(why, str) else why
+        yield MinedFailure(task.name, seen_from(target, task.folder), why) if isinstance(why, str) else why
 
 
 def read_mined(folder: str | Path) -> MiningResult:

@@ -16,7 +16,16 @@ from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, read_strict, to_json
 from resim.jobs.given import path_of
-from resim.jobs.space_members import accidents, driven_traces, one_build, read_simulated
+from resim.jobs.space_members import (
+    TRAFFIC,
+    Simulated,
+    SimulatedSource,
+    accidents,
+    driven_traces,
+    one_build,
+    read_simulated,
+)
+from resim.jobs.space_recordings import RecordingReader
 from resim.recordings.tables import read_parquet
 from resim.report.markup import Markup
 from resim.report.notebook import notebook_html
@@ -34,7 +43,7 @@ from resim.space.build import build_space, grow_space, usual_threshold
 from resim.space.comparison import SpaceComparison, compare_spaces, together
 from resim.space.folder import REMEDY, read_report, read_space, write_space
 from resim.space.limits import read_limits
-from resim.space.members import TestDrive, clusters_of, judged_members, not_mined
+from resim.space.members import SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.page import (
     write_comparison_page,
@@ -191,7 +200,8 @@ def cover(
 ) -> CoverReport:
     """Put simulated drives into a space, say which of them count, and how risky each cluster is.
 
-    Writes cover.json, cover.html and members.parquet into the space's folder.
+    Writes cover.json, cover.html and members.parquet into the space's folder, and traffic.toml where commands that
+    repeat members need it.
 
     Args:
         space: Folder of the space.
@@ -206,8 +216,9 @@ def cover(
     """
     folder, (found, told) = path_of(space), read_space(path_of(space))
     within = _within(usual_threshold(found) if options.within is None else options.within)
-    given = [(path_of(one), read_simulated(path_of(one))) for one in simulated]
-    held = [(path_of(one), read_simulated(path_of(one))) for one in options.held_out]
+    how = SimulatedSource(folder, RecordingReader())
+    given = [(path_of(one), read_simulated(path_of(one), how)) for one in simulated]
+    held = [(path_of(one), read_simulated(path_of(one), how)) for one in options.held_out]
     if not given:
         raise InputError(
             "--sweep", "no simulated drive is given", "Name a folder of `resim sweep` or `resim verify`."
@@ -218,24 +229,40 @@ def cover(
     drives = [drive for one in every for drive in one.drives]
     members = judged_members(found, [run for one in every for run in one.runs], drives, known, within)
     risks = cluster_risks(found, members, first.build)
-    spared = [run for _, one in held for run in one.runs]
-    members_of = {run.same: run.name for one in every for run in one.runs}
-    if twice := [run.name for run in spared if run.same in members_of]:
-        raise InputError("--held-out", f"{twice[0]} is a member as well", "Hold other drives out.")
-    if len({run.same for run in spared}) < len(spared):
-        raise InputError("--held-out", "the same run is there twice", "Name each drive once.")
+    spared = _spared(every, [one for _, one in held])
     calibration = None if not held else calibrated(risks, spared, clusters_of(found, known))
     with locked(folder, "another `resim space`"), explain_os_errors(folder):
-        write_parquet(members, folder / "members.parquet")
+        files = _write_members(folder, members, next((one.traffic for one in every if one.traffic), ""))
         report = CoverReport(
-            versions(), {"members.parquet": file_hash(folder / "members.parquet")}, file_hash(folder / MARK),
-            first.build, first.label, first.perception, within, _verified(drives),
+            versions(), files, file_hash(folder / MARK), first.build, first.label, first.perception, within,
+            _verified(drives),
             not_mined(found, accidents(one for _, one in (*given, *held)), known), risks, calibration,
             tuple(cover_notes(members, drives)),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)
         write_cover_page(found, told, report, folder)
     return report
+
+
+def _spared(given: Sequence[Simulated], held: Sequence[Simulated]) -> list[SimulatedRun]:
+    """The runs that are held out. Raises InputError where one is a member as well, or is there twice."""
+    spared = [run for one in held for run in one.runs]
+    members_of = {run.same for one in given for run in one.runs}
+    if twice := [run.name for run in spared if run.same in members_of]:
+        raise InputError("--held-out", f"{twice[0]} is a member as well", "Hold other drives out.")
+    if len({run.same for run in spared}) < len(spared):
+        raise InputError("--held-out", "the same run is there twice", "Name each drive once.")
+    return spared
+
+
+def _write_members(folder: Path, members: pd.DataFrame, traffic: str) -> dict[str, str]:
+    """Write the table of members, and how traffic reacts for its commands ("" for as usual); gives their hashes."""
+    write_parquet(members, folder / "members.parquet")
+    (folder / TRAFFIC).unlink(missing_ok=True)
+    if traffic:
+        (folder / TRAFFIC).write_text(traffic, encoding="utf-8", newline="\n")
+    names = ("members.parquet", TRAFFIC) if traffic else ("members.parquet",)
+    return {name: file_hash(folder / name) for name in names}
 
 
 def _within(distance: float) -> float:

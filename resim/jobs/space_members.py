@@ -1,7 +1,8 @@
-"""Simulated drives for a space: what sweeps and verifications ran, and the slots of the recordings that they ran."""
+"""Simulated drives for a space: what sweeps and verifications ran."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 import shlex
@@ -14,13 +15,9 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import relative
-from resim.mining.extraction import window_of
-from resim.mining.features import features
-from resim.mining.slots import map_folder, slot_frame, slot_traces
-from resim.recordings import Recording, read_recording
-from resim.recordings.content import refuse_changed
-from resim.resimulation import AssessmentOptions, assess_recording
-from resim.road.opendrive import load
+from resim.jobs.space_recordings import RecordingReader, SimulatedRecording
+from resim.mining.slots import slot_frame
+from resim.simulation.reactive.settings import ReactiveSettings, traffic_toml
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
 from resim.space.model import Space, bucket_names
@@ -28,11 +25,15 @@ from resim.space.traces import from_frame
 from resim.sweeps.result import SweepResult, read_swept
 from resim.verification.entries import MODEL, RecordingSource, VerifiedRecording
 from resim.verification.folder import read as read_verification
+from resim.verification.inputs import VerificationRequest
 from resim.verification.report import VerificationReport
 
 VARIATION, TRUST = "variation.", "variation_trust"
 """Begins the names of swept parameters that vary traffic; column of a sweep's table that says whether a verification
 legitimises the variation (`resim vary`)."""
+
+REPEATED, TRAFFIC = "../repeated", "traffic.toml"
+"""Where commands write, and how traffic reacts where it is not as usual; both seen from the space's folder."""
 
 
 @dataclass(frozen=True)
@@ -42,27 +43,44 @@ class Simulated:
     Attributes:
         runs: Its runs.
         drives: What it verified.
-        folders: Recordings by key.
+        recordings: Those that were simulated, by key.
         label: Name and version of the build.
         build: Its hash.
         perception: Hash of the model, "" without one.
         moved: What moves the EGO, and how traffic reacts.
+        traffic: What a command has to be told of how traffic reacts, as a TOML file, "" where nothing.
     """
 
     runs: tuple[SimulatedRun, ...]
     drives: tuple[TestDrive, ...]
-    folders: Mapping[str, Path]
+    recordings: Mapping[str, SimulatedRecording]
     label: str
     build: str
     perception: str
     moved: str
+    traffic: str = ""
 
 
-def read_simulated(folder: Path) -> Simulated:
+@dataclass(frozen=True)
+class SimulatedSource:
+    """How folders of simulated drives are read. space: folder of the space, where commands are to be given; reader: of
+    recordings.
+    """
+
+    space: Path
+    reader: RecordingReader
+
+    def shown(self, path: Path) -> str:
+        """Give a path as a shell takes it in the space's folder."""
+        return shlex.quote(relative(Path(os.path.realpath(path)), Path(os.path.realpath(self.space))))
+
+
+def read_simulated(folder: Path, how: SimulatedSource) -> Simulated:
     """Read a folder of `resim sweep` or `resim verify`.
 
     Args:
         folder: Its path.
+        how: For which space, and by what recordings are read.
 
     Returns:
         Its runs, what it verified, and where the recordings are.
@@ -71,11 +89,11 @@ def read_simulated(folder: Path) -> Simulated:
         InputError: It is neither, or of several builds.
     """
     if (folder / "verification.json").is_file():
-        return _of_verification(folder, read_verification(folder / "verification.json"))
-    return _of_sweep(folder, read_swept(folder))
+        return _of_verification(folder, read_verification(folder / "verification.json"), how)
+    return _of_sweep(folder, read_swept(folder), how)
 
 
-def _of_sweep(folder: Path, swept: SweepResult) -> Simulated:
+def _of_sweep(folder: Path, swept: SweepResult, how: SimulatedSource) -> Simulated:
     inputs = swept.inputs
     builds = list(inputs.builds.items())
     if len(builds) > 1:
@@ -92,49 +110,70 @@ def _of_sweep(folder: Path, swept: SweepResult) -> Simulated:
         SimulatedRun(
             f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
             _number(row["risk"]), _flag(row["collision"]), words, _trust(row.get(TRUST), varied),
-            repeat=f"resim sweep repeat {_shown(folder)} {row['run']} --out out/repeated",
+            repeat=f"resim sweep repeat {how.shown(folder)} {row['run']} --out {REPEATED}",
             same=_same(
                 keys[row["recording"]], {name: row[name] for name in varied}, told, row["seed"] if perception else 0
             ),
         )
         for row in swept.rows.to_dict("records")
     ]  # fmt: skip
-    paths = {keys[name]: _path(folder, one.path) for name, one in inputs.recordings.items()}
+    drives = {
+        keys[name]: how.reader.read(_path(folder, one.path), keys[name])
+        for name, one in inputs.recordings.items()
+    }
     moved = f"vehicle {inputs.vehicle}, traffic {inputs.sweep.reacts}"
     return Simulated(
-        tuple(runs), (), paths, builds[0][1].label, builds[0][1].hash or "", perception or "", moved
+        tuple(runs), (), drives, builds[0][1].label, builds[0][1].hash or "", perception or "", moved
     )
 
 
-def _of_verification(folder: Path, found: VerificationReport) -> Simulated:
+def _of_verification(folder: Path, found: VerificationReport, how: SimulatedSource) -> Simulated:
     inputs = found.inputs
     if inputs.against is not None:
         raise InputError(folder, "compares two builds: that verifies neither", "Verify the build alone.")
-    build, perception = inputs.build.hash or "", _hash(inputs.perception)
+    build, perception = inputs.build.hash or "", _model(inputs)
     runs: list[SimulatedRun] = []
-    drives, paths = [], {}
+    drives: list[TestDrive] = []
+    recordings: dict[str, SimulatedRecording] = {}
     for one in found.recordings:
         if one.hash is None:
             problem = f"its recording {one.name!r} could not be read: what happened in it is not known"
             raise InputError(folder, problem, "Mend it, and verify again.")
         key, path = one.hash, _path(folder, one.folder)
-        paths[key] = path
-        refuse_changed(path, key)
-        recording = read_recording(path)
-        own = bool(build) and recording.build_hash == build
+        drive = recordings[key] = how.reader.read(path, key)
+        own = bool(build) and drive.build == build
         drives.append(TestDrive(key, one.name, build, perception, one.verdict, own))
-        hit = _measured_collision(recording)
-        repeat = (
-            f"resim run {_shown(path)} --build {_shown(_path(folder, inputs.build.path))} --out out/repeated"
-        )
-        if inputs.vehicle != Kinematic.name:
-            repeat += f" --vehicle {inputs.vehicle}"
-        if inputs.perception is not None:
-            repeat += f" --perception {_shown(_path(folder, inputs.perception.path))} --seeds 1"
-        run = SimulatedRun("", key, build, perception, math.nan, hit, repeat=repeat)
+        repeat = _repeat(folder, path, inputs, how)
+        run = SimulatedRun("", key, build, perception, math.nan, drive.collided, repeat=repeat)
         runs += _runs(folder, one, run) if isinstance(one, VerifiedRecording) else [_failed(folder, one, run)]
     moved = f"vehicle {inputs.vehicle}, traffic {inputs.traffic}"
-    return Simulated(tuple(runs), tuple(drives), paths, inputs.build.label, build, perception, moved)
+    own_traffic = inputs.traffic not in (None, ReactiveSettings())
+    return Simulated(
+        tuple(runs), tuple(drives), recordings, inputs.build.label, build, perception, moved,
+        traffic_toml(inputs.traffic) if inputs.traffic and own_traffic else "",
+    )  # fmt: skip
+
+
+def _model(inputs: VerificationRequest) -> str:
+    """The hash of the perception model; another one where parameters took the place of the file's."""
+    told = _hash(inputs.perception)
+    return (
+        hashlib.sha256(" ".join([told, *inputs.settings]).encode()).hexdigest() if inputs.settings else told
+    )
+
+
+def _repeat(folder: Path, recording: Path, inputs: VerificationRequest, how: SimulatedSource) -> str:
+    """The command that repeats what a verification ran of a recording, but for the seed."""
+    told = [f"resim run {how.shown(recording)} --build {how.shown(_path(folder, inputs.build.path))}"]
+    told.append(f"--out {REPEATED}")
+    if inputs.vehicle != Kinematic.name:
+        told.append(f"--vehicle {inputs.vehicle}")
+    if inputs.traffic is not None:
+        told.append(f"--traffic {'reactive' if inputs.traffic == ReactiveSettings() else TRAFFIC}")
+    if inputs.perception is not None:
+        told.append(f"--perception {how.shown(_path(folder, inputs.perception.path))} --seeds 1")
+        told += [f"--set {shlex.quote(one)}" for one in inputs.settings]
+    return " ".join([*told, *(f"--accept {code}" for code in inputs.accept)])
 
 
 def _runs(folder: Path, one: VerifiedRecording, run: SimulatedRun) -> Iterator[SimulatedRun]:
@@ -177,25 +216,8 @@ def accidents(given: Iterable[Simulated]) -> set[str]:
 
     Returns:
         Their keys.
-
-    Raises:
-        InputError: A recording cannot be read.
     """
-    out = set()
-    for one in given:
-        for key, path in one.folders.items():
-            recording = read_recording(path)
-            if one.build and recording.build_hash == one.build and (
-                recording.provenance.get("ended") or _measured_collision(recording) is not False
-            ):  # fmt: skip
-                out.add(key)
-    return out
-
-
-def _measured_collision(recording: Recording) -> bool | None:
-    """Whether the EGO collides in the measured drive; None where somebody may have been hit unseen."""
-    found = assess_recording(recording, AssessmentOptions(only=("collision",))).blocks["GT"]
-    return True if found.contacts else False if found.clear else None
+    return {key for one in given for key, drive in one.recordings.items() if drive.is_accident(one.build)}
 
 
 def _same(recording: str, values: Mapping[str, float], varied: str, seed: int) -> str:
@@ -212,11 +234,6 @@ def _trust(told: object, varied: Sequence[str]) -> str:
     return told if isinstance(told, str) and told else "unknown" if varied else INSIDE
 
 
-def _shown(path: Path) -> str:
-    """A path as a shell takes it, from where commands run."""
-    return shlex.quote(relative(path, Path.cwd()))
-
-
 def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
     """Give the slots of all recordings that were simulated.
 
@@ -226,45 +243,21 @@ def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
 
     Returns:
         Slots by recording, their buckets, and which scenarios of the space they are.
-
-    Raises:
-        InputError: A recording cannot be read.
     """
-    paths: dict[str, Path] = {}
-    for one in given:
-        paths |= one.folders
     own = {
         os.path.realpath(folder): str(name)
         for folder, name in zip(space.rows["folder"], space.rows["scenario"], strict=True) if folder
     }  # fmt: skip
-    frames, buckets, scenarios = [], [], {}
-    for key, path in sorted(paths.items()):
-        refuse_changed(path, key)
-        recording = read_recording(path)
-        frame, bucket = _trace(recording, key)
-        frames.append(frame)
-        buckets.append(bucket)
-        scenarios[key] = own.get(os.path.realpath(path), "")
-    names = bucket_names(pd.DataFrame(buckets), space.settings) if buckets else []
-    traces = from_frame(pd.concat(frames, ignore_index=True) if frames else slot_frame([], []))
-    return DrivenTraces(traces, dict(zip(sorted(paths), names, strict=True)), scenarios)
-
-
-def _trace(recording: Recording, key: str) -> tuple[pd.DataFrame, dict[str, object]]:
-    """The slots of a whole recording around its EGO, under a name, and what its bucket follows from."""
-    found = features(recording.gt, load(recording.map))
-    row = recording.gt.index(recording.ego)
-    first, last = (int(found.samples.first[row + k]) - k for k in (0, 1))
-    window = window_of(found, row, (first, last), [])
-    road, along, lanes, vehicles = window.bucket
-    told = {
-        "map": map_folder(recording.map),
-        "road": road,
-        "along_s": along,
-        "lanes": lanes,
-        "vehicles": vehicles,
-    }
-    return slot_frame([key], slot_traces(found, [window])), told
+    drives, scenarios = dict[str, SimulatedRecording](), dict[str, str]()
+    for one in given:
+        for key, drive in one.recordings.items():
+            drives[key] = drive
+            scenarios[key] = scenarios.get(key) or own.get(os.path.realpath(drive.folder), "")
+    keys = sorted(drives)
+    names = bucket_names(pd.DataFrame([drives[key].place for key in keys]), space.settings) if keys else []
+    frames = [drives[key].slots for key in keys] or [slot_frame([], [])]
+    traces = from_frame(pd.concat(frames, ignore_index=True))
+    return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios)
 
 
 def one_build(given: Sequence[tuple[Path, Simulated]]) -> Simulated:

@@ -18,7 +18,7 @@ class MinedFailure:
 
     Attributes:
         recording: Its name.
-        folder: Where it was sought.
+        folder: Where it was sought, seen from the study's folder.
         why: What is wrong with it.
     """
 

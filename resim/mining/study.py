@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from resim.core.errors import InputError
-from resim.core.files import check_hashes, file_hash
+from resim.core.files import check_hashes, file_hash, relative
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
@@ -62,7 +62,7 @@ class MinedPart:
 
     Attributes:
         recording: Its name.
-        folder: Where it was read.
+        folder: Where it was read, seen from the study's folder.
         content: Hash of what it holds.
         key: Of thresholds and options.
         objects: How many there are.
@@ -258,7 +258,7 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     write_parquet(overview_frame(mined.features), part / "overview.parquet")
     slots = slot_frame(mined.names, slot_traces(mined.features, mined.scenarios))
     write_parquet(slots, part / "slots.parquet")
-    return _write_mark(summary(mined, name, folder, (content, key)), part / CUT, out)
+    return _write_mark(summary(mined, name, seen_from(out, folder), (content, key)), part / CUT, out)
 
 
 def _kept(part: Path, out: Path, content: str, key: str) -> MinedPart | None:
@@ -318,7 +318,12 @@ def _files(recording: str, out: Path) -> Iterator[str]:
             yield file
 
 
-def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[str, str]) -> MinedPart:
+def seen_from(out: Path, folder: Path) -> str:
+    """Give the path of a recording as seen from a study's folder: both may be moved together."""
+    return relative(folder.resolve(), out.resolve())
+
+
+def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[str, str]) -> MinedPart:
     """Give what was found in a recording, in numbers. follows_from: hash of its content, key of the options."""
     samples, found = mined.features.samples, mined.features
     on = (found.row >= 0) & samples.kinds(VEHICLES)
@@ -332,7 +337,7 @@ def summary(mined: MinedRecording, name: str, folder: Path, follows_from: tuple[
     counts = Counter(per_ego.get(int(row), 0) for row in np.flatnonzero(drives))
     first, last = samples.tracks.span()
     return MinedPart(
-        recording=name, folder=str(folder.resolve()), content=follows_from[0], key=follows_from[1],
+        recording=name, folder=folder, content=follows_from[0], key=follows_from[1],
         objects=len(samples.tracks),
         hours=float(dt.sum()) / 3600.0, kilometres=float(way.sum()) / 1000.0,
         labels=dict(sorted(Counter(m.label for m in mined.maneuvers).items())), scenarios=len(mined.scenarios),

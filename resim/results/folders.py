@@ -70,7 +70,8 @@ MINING = FolderKind(
 )
 
 SPACE = FolderKind(
-    "space.json", re.compile(rf"space\.(json|html)|cover\.(json|html)|members\.parquet|{HALF.pattern}")
+    "space.json",
+    re.compile(rf"space\.(json|html)|cover\.(json|html)|members\.parquet|traffic\.toml|{HALF.pattern}"),
 )
 RELEASE = FolderKind("release.json", re.compile(r"release\.(json|html)"))
 COMPARISON = FolderKind("comparison.json", re.compile(r"comparison\.(json|html)"))

@@ -152,7 +152,9 @@ def _origin(path: Path) -> tuple[list[str], list[CatalogInput]]:
     own = f"{path.relative_to(found).as_posix()}"
     mined = [CatalogInput("mining", found.name, str(found), digest(found, "mining"))]
     mined += [
-        CatalogInput("recording", part["recording"], part["folder"], part["content"])
+        CatalogInput(
+            "recording", part["recording"], os.path.normpath(found / part["folder"]), part["content"]
+        )
         for part in read_sealed(found / _MINED, "Mine it again.")["parts"]
         if any(file == own or file.startswith(f"{own}/") for file in part["files"])
     ]

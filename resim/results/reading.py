@@ -194,8 +194,13 @@ def _mining(folder: Path) -> _FolderContents:
     mined = _sealed(folder / "mined.json")
     check_hashes(folder, mined["files"], REMEDY)
     parts, failures = mined["parts"], mined["failures"]
-    inputs = [CatalogInput("recording", p["recording"], p["folder"], p["content"]) for p in parts]
-    inputs += [CatalogInput("recording", f["recording"], f["folder"]) for f in failures]
+    inputs = [
+        CatalogInput("recording", p["recording"], os.path.normpath(folder / p["folder"]), p["content"])
+        for p in parts
+    ]
+    inputs += [
+        CatalogInput("recording", f["recording"], os.path.normpath(folder / f["folder"])) for f in failures
+    ]
     outcomes = [CatalogOutcome(p["recording"], "", cause=_found(p)) for p in parts]
     outcomes += [CatalogOutcome(f["recording"], "", verdict="error", cause=f["why"]) for f in failures]
     verdict = "error" if failures else ""

@@ -86,9 +86,17 @@ def risk_limit(
     sums = total + np.concatenate([[0.0], np.cumsum(one.beside)])
     counts = count + np.arange(len(sums))
     high = float(exact(np.minimum(sums / counts, 1.0), counts, confidence=confidence)[1].max())
-    means = _least_mean(one), float((sums / counts).max())
-    known = believed(calibration, *(min(max(mean, 0.0), 1.0) for mean in means)) and count >= least
+    known = is_believed(one, calibration) and count >= least
     return RiskLimit(total / count, low, high if known else 1.0, known)
+
+
+def is_believed(one: ClusterRisk, calibration: ReliabilityReport | None) -> bool:
+    """Say whether the risk of a cluster is calibrated, wherever it could lie if nothing were missing."""
+    if not one.values:
+        return False
+    counts = len(one.values) + np.arange(len(one.beside) + 1)
+    largest = float(((sum(one.values) + np.concatenate([[0.0], np.cumsum(one.beside)])) / counts).max())
+    return believed(calibration, *(min(max(mean, 0.0), 1.0) for mean in (_least_mean(one), largest)))
 
 
 def _least_mean(one: ClusterRisk) -> float:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.core.files import check_hashes, file_hash
+from resim.core.files import check_hashes, file_hash, relative
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.recordings.tables import read_parquet
@@ -33,7 +35,8 @@ LARGEST = 2_000_000_000
 
 
 def write_space(space: Space, folder: Path, workers: int = 1) -> SpaceReport:
-    """Write a space into an existing folder, and give what space.json says."""
+    """Write a space into an existing folder, and give what space.json says. Paths are as seen from the folder."""
+    space = _with_paths(space, lambda one: relative(Path(one), Path(os.path.realpath(folder))))
     write_parquet(space.rows, folder / "scenarios.parquet")
     write_parquet(to_frame(space.traces), folder / "slots.parquet")
     write_parquet(space.rows[list(CLUSTERS)], folder / "clusters.parquet")
@@ -44,12 +47,19 @@ def write_space(space: Space, folder: Path, workers: int = 1) -> SpaceReport:
 
 
 def read_report(folder: Path) -> SpaceReport:
-    """Read space.json. Raises InputError where it is none, or was changed."""
-    return read_sealed_json(folder / MARK, SpaceReport, WRITTEN_BY, REMEDY, largest=LARGEST)
+    """Read space.json. Raises InputError where it is none, was changed, or is of an earlier version of resim."""
+    told = read_sealed_json(folder / MARK, SpaceReport, WRITTEN_BY, REMEDY, largest=LARGEST)
+    if found := [one.folder for one in told.sources if Path(one.folder).is_absolute()]:
+        problem = f"was written by an earlier version of resim: it names {found[0]} by an absolute path"
+        raise InputError(folder / MARK, problem, REMEDY)
+    return told
 
 
 def read_space(folder: Path) -> tuple[Space, SpaceReport]:
-    """Read a space. Raises InputError where it is none, or was changed."""
+    """Read a space, and what its report says: paths are absolute in the space, in the report seen from the folder.
+
+    Raises InputError where it is none, was changed, or is of an earlier version of resim.
+    """
     told = read_report(folder)
     check_hashes(folder, told.files, REMEDY)
     rows = read_parquet(folder / "scenarios.parquet").reset_index(drop=True)
@@ -59,7 +69,16 @@ def read_space(folder: Path) -> tuple[Space, SpaceReport]:
     links = {
         one.bucket: BucketLinks(one.threshold, one.chosen, one.method, one.links) for one in told.buckets
     }
-    return Space(told.settings, told.sources, typed(rows), traces, links), told
+    where = Path(os.path.realpath(folder))
+    space = Space(told.settings, told.sources, typed(rows), traces, links)
+    return _with_paths(space, lambda one: os.path.normpath(where / one)), told
+
+
+def _with_paths(space: Space, told: Callable[[str], str]) -> Space:
+    """The space with its paths told otherwise: of mined folders, and of scenarios that are recordings ("" for none)."""
+    folders = [told(one) if one else "" for one in space.rows["folder"].astype(str)]
+    sources = tuple(replace(one, folder=told(one.folder)) for one in space.sources)
+    return replace(space, sources=sources, rows=typed(space.rows.assign(folder=folders)))
 
 
 def _write_distances(space: Space, folder: Path, workers: int) -> None:

@@ -19,7 +19,7 @@ class SourceEntry:
 
     Attributes:
         name: Of the folder, with a number where it is a duplicate.
-        folder: Where it was read.
+        folder: Where it was read; in space.json seen from the space's folder.
         hash: Of its tables.
         batch: 0 for those that the space was built from, then 1, 2, ... with each `resim space grow`.
         egos: `every` vehicle once, or each recording's `own` EGO.

@@ -69,7 +69,7 @@ class CoverReport:
 
     Attributes:
         versions: Of resim and what it depends on.
-        files: Hash of members.parquet.
+        files: Hashes of members.parquet, and of traffic.toml where there is one.
         space: Hash of space.json.
         build: Hash of the build.
         label: Its name and version.

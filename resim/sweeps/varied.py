@@ -123,6 +123,7 @@ def _unlike(verified: VerificationRequest | None, setup: SweptDriver, swept: Seq
         "perception model": (setup.perception, seen),
         "vehicle model": (setup.vehicle, verified.vehicle),
         "traffic": (setup.traffic, verified.traffic),
+        "perception model (with parameters set)": ((), tuple(verified.settings)),
     }
     other = [name for name, (one, two) in pairs.items() if one != two]
     told = [f"another {name} was verified" for name in other] + [f"{name} is swept" for name in swept]

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from resim.cli import app
 from resim.core.errors import InputError
+from resim.core.sealed import read_sealed, sealed
 from resim.core.tracks import Tracks
 from resim.exports.rocrate import FILE
 from resim.jobs import space as job
@@ -23,7 +24,8 @@ from resim.jobs.mine import MineOptions, mine
 from resim.jobs.schemas import schema_of
 from resim.recordings import Recording, write_recording
 from resim.recordings.tables import read_parquet
-from resim.results import write_parquet
+from resim.results import write_json, write_parquet
+from resim.space.folder import read_space
 from resim.space.sources import read_mined
 
 LIMITS = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
@@ -109,6 +111,34 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path, mined: list[Path]) 
         job.build(mined, tmp_path / name, workers=workers)
     for file in (tmp_path / "a").iterdir():
         assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes(), file.name
+
+
+def test_the_same_folders_elsewhere_give_the_same_bytes(tmp_path: Path, mined: list[Path]) -> None:
+    """Drives, what was mined of them, and the space lie beside each other, here and there."""
+    asked = MineOptions(accept=("OVERLAP",), fit=False)
+    for name in ("here", "far/away/there"):
+        shutil.copytree(mined[0].parent / "r1", tmp_path / name / "r1")
+        shutil.copy(mined[0].parent / "straight.xodr", tmp_path / name)
+        mine([tmp_path / name / "r1"], tmp_path / name / "mined", asked)
+        job.build([tmp_path / name / "mined"], tmp_path / name / "space")
+    here, there = tmp_path / "here", tmp_path / "far" / "away" / "there"
+    files = [one.relative_to(here) for one in here.rglob("*") if one.is_file()]
+    assert Path("space", "scenarios.parquet") in files
+    for file in files:
+        assert (here / file).read_bytes() == (there / file).read_bytes(), file
+    space, told = read_space(there / "space")
+    assert told.sources[0].folder == "../mined"
+    assert all((Path(one) / "recording.toml").is_file() for one in space.rows["folder"])
+    grown = job.grow(there / "space", [mined[1]], tmp_path / "grown")
+    assert (grown.folder / grown.report.sources[0].folder / "mined.json").is_file()
+    # the paths of a space that was written by an earlier version, which were absolute
+    old = read_sealed(here / "space" / "space.json", "")
+    old["sources"][0]["folder"] = "/somewhere/mined"
+    write_json(sealed(old), here / "space" / "space.json")
+    with pytest.raises(
+        InputError, match=r"earlier version of resim: it names /somewhere/mined .*Build the space again"
+    ):
+        job.read_result(here / "space")
 
 
 def test_what_is_wrong_is_said(tmp_path: Path, mined: list[Path]) -> None:

@@ -12,8 +12,10 @@ from space.families import drawn
 from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
-from resim.jobs.space_members import Simulated, _of_verification, _runs, accidents
+from resim.jobs.space_members import Simulated, SimulatedSource, _of_verification, _runs, accidents
+from resim.jobs.space_recordings import RecordingReader
 from resim.recordings.content import content_hash
+from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
 from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
@@ -175,16 +177,75 @@ def test_a_recording_that_could_not_be_verified_is_not_left_out(tmp_path: Path) 
     """It may hold an accident: of it nobody says how it ends."""
     write_drive(tmp_path, 20.0, "b")
     build = SimpleNamespace(hash="b", label="b-1", path="b.toml")
-    inputs = SimpleNamespace(against=None, build=build, perception=None, vehicle="single-track", traffic=None)
+    inputs = SimpleNamespace(
+        against=None,
+        build=build,
+        perception=None,
+        vehicle="single-track",
+        traffic=None,
+        settings=(),
+        accept=(),
+    )
+    how = SimulatedSource(tmp_path / "space", RecordingReader())
     failed = FailedRecording("d", ".", content_hash(tmp_path), "error", "process died", True)
     report = SimpleNamespace(inputs=inputs, recordings=[failed])
-    found = _of_verification(tmp_path, report)  # type: ignore[arg-type]
+    found = _of_verification(tmp_path, report, how)  # type: ignore[arg-type]
     assert [(one.collided, np.isnan(one.risk)) for one in found.runs] == [(None, True)]
     assert "--vehicle single-track" in found.runs[0].repeat
     assert accidents([found]) == {failed.hash}
     report.recordings = [replace(failed, hash=None)]
     with pytest.raises(InputError, match="could not be read"):
-        _of_verification(tmp_path, report)  # type: ignore[arg-type]
+        _of_verification(tmp_path, report, how)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("traffic", "told"),
+    [
+        (None, ""),
+        (ReactiveSettings(), "--traffic reactive"),
+        (ReactiveSettings(calibrated=False), "--traffic traffic.toml"),
+    ],
+)
+def test_the_command_that_repeats_a_member_is_told_all(
+    tmp_path: Path, traffic: ReactiveSettings | None, told: str
+) -> None:
+    (tmp_path / "drive").mkdir()
+    write_drive(tmp_path / "drive", 60.0, "b")
+    file = SimpleNamespace(hash="b", label="b-1", path="../b.toml")
+    inputs = SimpleNamespace(
+        against=None, build=file, perception=SimpleNamespace(hash="p", path="m.json"), vehicle="single-track",
+        traffic=traffic, settings=("latency.speed=0.4",), accept=("GAP",),
+    )  # fmt: skip
+    entry = FailedRecording("d", "../drive", content_hash(tmp_path / "drive"), "error", "process died", True)
+    how = SimulatedSource(tmp_path / "space", RecordingReader())
+    found = _of_verification(tmp_path / "verified", SimpleNamespace(inputs=inputs, recordings=[entry]), how)  # type: ignore[arg-type]
+    command = found.runs[0].repeat.split(" --")
+    assert command[:3] == ["resim run ../drive", "build ../b.toml", "out ../repeated"]
+    expected = {
+        "vehicle single-track",
+        "perception ../verified/m.json",
+        "seeds 1",
+        "set latency.speed=0.4",
+        "accept GAP",
+    }
+    assert set(command[3:]) == expected | ({told.removeprefix("--")} if told else set())
+    inputs.settings = ()  # another model than with a parameter that takes the place of the file's
+    other = _of_verification(tmp_path / "verified", SimpleNamespace(inputs=inputs, recordings=[entry]), how)  # type: ignore[arg-type]
+    assert (other.perception, found.perception != "p") == ("p", True)
+    assert bool(found.traffic) == told.endswith(".toml")
+    if found.traffic:
+        (tmp_path / "traffic.toml").write_text(found.traffic)
+        assert traffic_of(str(tmp_path / "traffic.toml")) == traffic
+
+
+def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_drive(tmp_path, 60.0, "b")
+    reader, key = RecordingReader(), content_hash(tmp_path)
+    first = reader.read(tmp_path, key)
+    monkeypatch.setattr("resim.jobs.space_recordings.read_recording", None)
+    assert reader.read(tmp_path / ".." / tmp_path.name, key) is first
+    with pytest.raises(InputError, match="its content has the hash"):
+        reader.read(tmp_path, "another")
 
 
 @pytest.mark.parametrize(
@@ -194,4 +255,5 @@ def test_recordings_in_which_the_build_collides_are_its_accidents(
     tmp_path: Path, lead: float, driven_by: str, told: set[str]
 ) -> None:
     write_drive(tmp_path, lead, driven_by)
-    assert accidents([Simulated((), (), {"k": tmp_path}, "b-1", "b", "", "")]) == told
+    drive = RecordingReader().read(tmp_path, content_hash(tmp_path))
+    assert accidents([Simulated((), (), {"k": drive}, "b-1", "b", "", "")]) == told

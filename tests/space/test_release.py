@@ -16,9 +16,11 @@ from space.spaces import KINDS, source, space_of
 from resim.space.build import build_space
 from resim.space.calibration import reliability
 from resim.space.comparison import compare_spaces, together
+from resim.space.described import report
 from resim.space.limits import ReleaseLimits, read_limits
 from resim.space.members import MEMBER_COLUMNS
 from resim.space.model import Space
+from resim.space.page import write_cover_page
 from resim.space.release import ReleaseReport, decide, release_case, release_checks, verdict_of
 from resim.space.risk import CoverReport, cluster_risks
 
@@ -227,6 +229,20 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
     assert "collide or break off and are not in the space" in found.statement
     of_another = replace(seen, sources=tuple(replace(one, accidents={"c": 1}) for one in seen.sources))
     assert decided(of_another, frame, limits(0.1)).verdict == "good"
+
+
+def test_risk_that_is_not_calibrated_is_not_printed(seen: Space, tmp_path: Path) -> None:
+    frame, told = members(seen, 40, 0.0123), report(seen, {})
+    frame.loc[frame["cluster"] == "1.2", "risk"] = 0.271  # of such a risk nobody held a drive out
+    low_alone = reliability(np.repeat([0.0, 0.0123], 4000), np.zeros(8000))
+    for calibration, shown in ((None, set()), (low_alone, {"0.0123"}), (GOOD, {"0.0123", "0.271"})):
+        write_cover_page(seen, told, cover(seen, frame, calibration), tmp_path)
+        clusters = (tmp_path / "cover.html").read_text().split("<h2>Clusters</h2>")[1].split("<h2>")[0]
+        assert {risk for risk in ("0.0123", "0.271") if f">{risk} (" in clusters} == shown
+        assert clusters.count("not shown: not calibrated") == {0: 5, 1: 1, 2: 0}[len(shown)]
+        assert "a kilometre (95 %)" in clusters
+        worst = (tmp_path / "cover.html").read_text().split("<h2>Worst members</h2>")[1].split("<h2>")[0]
+        assert ("0.271" in worst) == bool(shown)
 
 
 def test_the_limits_that_ship_have_sources() -> None:

@@ -72,6 +72,11 @@ def test_a_run_is_of_the_variation_of_its_number(tmp_path: Path) -> None:
     ("changed", "swept", "why"),
     [
         ({}, [], ""),
+        (
+            {"settings": ("latency.speed=0.1",)},
+            [],
+            "another perception model (with parameters set) was verified",
+        ),
         ({"build": "other"}, [], "another build was verified"),
         ({"perception": None}, [], "another perception model was verified"),
         ({"vehicle": "single_track"}, [], "another vehicle model was verified"),
@@ -81,7 +86,9 @@ def test_a_run_is_of_the_variation_of_its_number(tmp_path: Path) -> None:
 )
 def test_trust_is_that_of_what_was_verified(changed: dict[str, object], swept: list[str], why: str) -> None:
     files = {"build": SimpleNamespace(hash="b"), "perception": SimpleNamespace(hash="p")}
-    verified = SimpleNamespace(**files, vehicle="kinematic", traffic=None)
+    changed = dict(changed)
+    settings = changed.pop("settings", ())
+    verified = SimpleNamespace(**files, vehicle="kinematic", traffic=None, settings=settings)
     setup = replace(SweptDriver("b", "p", "kinematic", None), **changed)  # type: ignore[arg-type]
     assert _unlike(verified, setup, swept) == why  # type: ignore[arg-type]
 

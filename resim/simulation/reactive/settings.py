@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -149,3 +150,13 @@ def traffic_of(name: str) -> ReactiveSettings | None:
             "--traffic", f"{name!r} is no way for traffic to move", "Say traces, reactive, or a .toml file."
         )
     return read_strict(Path(name), ReactiveSettings, REMEDY)
+
+
+def traffic_toml(settings: ReactiveSettings) -> str:
+    """Give the TOML file of which `traffic_of` gives these settings."""
+    told = settings.model_dump()
+    tables = {name: part for name, part in told.items() if isinstance(part, dict)}
+    lines = [f"{name} = {json.dumps(value)}" for name, value in told.items() if name not in tables]
+    for name, part in tables.items():
+        lines += ["", f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in part.items())]
+    return "\n".join(lines) + "\n"

@@ -12,12 +12,17 @@ from resim.report.markup import Markup, html, join
 from resim.report.plots import style, to_html
 from resim.report.tables import table
 from resim.space.calibration import ReliabilityReport
+from resim.space.expected import is_believed
 from resim.space.model import Space
 from resim.space.page.page import cluster_map
 from resim.space.page.words import header, interval, number, percent, section, write_page
 from resim.space.report import SpaceReport
 from resim.space.risk import ClusterRisk, CoverReport, WorstMember
 
+NOT_SHOWN = (
+    "Predicted risk is shown where it is calibrated: where held-out drives with such a prediction do not collide more "
+    "often. What is not shown counts as an accident in each scenario when a release is decided."
+)
 LISTED = 100
 """Clusters that are listed, the riskiest first."""
 WORST = 10
@@ -33,13 +38,10 @@ def write_cover_page(space: Space, told: SpaceReport, found: CoverReport, folder
         ("members that count", f"{sum(one.counted for one in found.clusters)} simulated, "
          f"{sum(one.measured for one in found.clusters)} driven"),
     )  # fmt: skip
-    risk = {
-        one.cluster: one.risk.high for one in found.clusters
-    }  # one drive without an accident tells little
-    drawn = cluster_map(space, told, risk)
+    risk = {one.cluster: one.risk.high for one in found.clusters if is_believed(one, found.calibration)}
     surface = html(
-        "<p>Colour: upper limit (95 %) of accidents a scenario; grey: no member counts. Size: exposure.</p>{}",
-        drawn,
+        "<p>Colour: upper limit (95 %) of accidents a scenario; grey: not shown. Size: exposure.</p>{}",
+        cluster_map(space, told, risk),  # the limit, as one drive without an accident tells little
     )
     parts = [
         header("Covered space", "Risk of each kind of scenario", facts, found.notes),
@@ -54,22 +56,31 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
     exposure = told.clusters()
     order = sorted(found.clusters, key=lambda one: (-np.nan_to_num(one.risk.value, nan=-1.0), one.cluster))
     rows = [
-        [one.cluster, interval(exposure[one.cluster].per_hour), interval(one.risk), str(one.measured), str(one.counted),
+        [one.cluster, interval(exposure[one.cluster].per_hour), interval(exposure[one.cluster].per_kilometre),
+         _risk(found, one), f"{one.measured_collided} of {one.measured}", f"{one.collided} of {one.counted}",
          str(one.not_counted), _why(one), exposure[one.cluster].medoid]
         for one in order[:LISTED]
     ]  # fmt: skip
     heads = [
         "cluster",
         "an hour (95 %)",
+        "a kilometre (95 %)",
         "risk a scenario (95 %)",
-        "driven",
-        "simulated",
+        "driven, collided",
+        "simulated, collided",
         "do not count",
         "why",
         "test case",
     ]
     more = f"{len(order) - LISTED} more are in cover.json." if len(order) > LISTED else ""
-    return html("{}<p>{}</p>", table(heads, rows), more)
+    return html("<p>{}</p>{}<p>{}</p>", NOT_SHOWN, table(heads, rows), more)
+
+
+def _risk(found: CoverReport, one: ClusterRisk) -> str:
+    """The risk of a cluster, where it is believed."""
+    if not one.values:
+        return "not shown: no member counts"
+    return interval(one.risk) if is_believed(one, found.calibration) else "not shown: not calibrated"
 
 
 def _why(one: ClusterRisk) -> str:
@@ -78,13 +89,15 @@ def _why(one: ClusterRisk) -> str:
 
 def _worst(found: CoverReport) -> Markup:
     every = [(one.cluster, member) for one in found.clusters for member in one.worst]
+    shown = found.calibration is not None and found.calibration.verdict == "calibrated"
     every.sort(key=lambda pair: (-_counts_as(pair[1]), pair[1].member))
     rows = [
-        [member.member, cluster, number(member.risk), {True: "yes", False: "no", None: "not known"}[member.collided],
-         html("<code>{}</code>", member.repeat)]
+        [member.member, cluster, number(member.risk) if shown else "not shown",
+         {True: "yes", False: "no", None: "not known"}[member.collided], html("<code>{}</code>", member.repeat)]
         for cluster, member in every[:WORST]
     ]  # fmt: skip
-    return table(["member", "cluster", "risk", "collided", "to repeat it"], rows)
+    listed = table(["member", "cluster", "risk", "collided", "to repeat it"], rows)
+    return html("<p>Give commands in the folder of this page.</p>{}", listed)
 
 
 def _counts_as(one: WorstMember) -> float:

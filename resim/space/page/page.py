@@ -108,7 +108,12 @@ def cluster_map(space: Space, told: SpaceReport, risk: Mapping[str, float]) -> M
 
 
 def _cluster_words(one: ClusterEntry) -> str:
-    return f"{one.members} members, {interval(one.per_hour)} an hour, medoid {one.medoid}"
+    return f"{one.members} members, {_exposure(one)}, medoid {one.medoid}"
+
+
+def _exposure(one: ClusterEntry) -> str:
+    """How often a kind comes, by hour and kilometre."""
+    return f"{interval(one.per_hour)} an hour, {interval(one.per_kilometre)} a kilometre"
 
 
 def _buckets(told: SpaceReport) -> Markup:
@@ -139,7 +144,7 @@ def _bucket(space: Space, bucket: BucketEntry) -> Markup:
         medoid = int(space.traces.rows_of([one.medoid])[0])
         shown = rows[np.unique(np.linspace(0, len(rows) - 1, MEMBERS).astype(int))].tolist()
         drawn = figures.members(space.traces, shown, medoid)
-        words = f"{one.members} members, radius {one.radius:.2f}; test case {one.medoid}"
+        words = f"{one.members} members, radius {one.radius:.2f}; {_exposure(one)}; test case {one.medoid}"
         views.append(
             html("<figure>{}<figcaption><b>{}</b> {}</figcaption></figure>", drawn, one.cluster, words)
         )

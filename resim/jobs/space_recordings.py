@@ -1,0 +1,90 @@
+"""Recordings that were simulated, each read once: who drove it, how it ended, and the slots around its EGO."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from resim.mining.extraction import window_of
+from resim.mining.features import features
+from resim.mining.slots import map_folder, slot_frame, slot_traces
+from resim.recordings import Recording, read_recording
+from resim.recordings.content import refuse_changed
+from resim.resimulation import AssessmentOptions, assess_recording
+from resim.road.opendrive import load
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRecording:
+    """What a space asks of a recording that was simulated.
+
+    Attributes:
+        folder: Where it is.
+        build: Hash of the build that drove it, "" for a person or where nobody says.
+        collided: Whether its EGO collides in the measured drive; None where somebody may have been hit unseen.
+        broke_off: Whether the drive ended before its time.
+        slots: Table of the slots of the whole recording around its EGO, named by its content.
+        place: What its bucket follows from.
+    """
+
+    folder: Path
+    build: str
+    collided: bool | None
+    broke_off: bool
+    slots: pd.DataFrame
+    place: Mapping[str, object]
+
+    def is_accident(self, build: str) -> bool:
+        """Say whether a build drove it, and collides, or breaks off, or nobody says that it does not."""
+        return bool(build) and self.build == build and (self.broke_off or self.collided is not False)
+
+
+class RecordingReader:
+    """Reads recordings; what several folders simulated is read once."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, str], SimulatedRecording] = {}
+
+    def read(self, folder: Path, content: str) -> SimulatedRecording:
+        """Give what a space asks of a recording.
+
+        Args:
+            folder: Where it is.
+            content: Hash of what it held when it was simulated.
+
+        Returns:
+            Who drove it, how it ended, and its slots.
+
+        Raises:
+            InputError: It cannot be read, or was changed.
+        """
+        key = os.path.realpath(folder), content
+        if key not in self._known:
+            refuse_changed(folder, content)
+            self._known[key] = _simulated(folder, read_recording(folder), content)
+        return self._known[key]
+
+
+def _simulated(folder: Path, recording: Recording, content: str) -> SimulatedRecording:
+    found = features(recording.gt, load(recording.map))
+    row = recording.gt.index(recording.ego)
+    first, last = (int(found.samples.first[row + k]) - k for k in (0, 1))
+    window = window_of(found, row, (first, last), [])
+    road, along, lanes, vehicles = window.bucket
+    place = {
+        "map": map_folder(recording.map), "road": road, "along_s": along, "lanes": lanes, "vehicles": vehicles,
+    }  # fmt: skip
+    return SimulatedRecording(
+        folder, recording.build_hash or "", _measured_collision(recording), bool(recording.provenance.get("ended")),
+        slot_frame([content], slot_traces(found, [window])), place,
+    )  # fmt: skip
+
+
+def _measured_collision(recording: Recording) -> bool | None:
+    """Whether the EGO collides in the measured drive; None where somebody may have been hit unseen."""
+    found = assess_recording(recording, AssessmentOptions(only=("collision",))).blocks["GT"]
+    return True if found.contacts else False if found.clear else None
