@@ -46,7 +46,8 @@ class ReliabilityReport:
 
     Attributes:
         bins: By predicted risk, those with a drive.
-        verdict: `too low` if any bin is; `calibrated` if all have enough drives and none is; else `not shown`.
+        verdict: `too low` if any bin is; `calibrated` if all have enough drives and none is; else `not shown`. Where a
+            drive has no prediction it may be of any bin: then all that there could be have to have enough.
         drives: How many were held out.
         unknown: Held-out drives without a prediction or an outcome, which speak for nothing.
     """
@@ -83,10 +84,12 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
             verdict = "not shown"
         near = IntervalEstimate(mean, float(told[mine].min()), float(told[mine].max()), 1.0)
         bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
+    enough = (np.bincount(where[~unknown], minlength=len(EDGES) - 1) >= LEAST).all()
     every = {one.verdict for one in bins}
     whole: Calibrated = (
         "too low" if "too low" in every
         else "not shown" if every != {"calibrated"} or hit[np.isnan(predicted)].any()
+        or (np.isnan(predicted).any() and not enough)
         else "calibrated"
     )  # fmt: skip
     return ReliabilityReport(tuple(bins), whole, len(told), int(unknown.sum()))

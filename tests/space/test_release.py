@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from space.spaces import KINDS, source, space_of
 
@@ -266,3 +266,17 @@ def test_two_spaces_beside_each_other() -> None:
     )
     assert alike.apart.value == pytest.approx(0.0)
     assert alike.apart.high > 0.0
+
+
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.0005, 0.005, 0.05, 0.5]), st.integers(1, 60), st.floats(0.0, 0.9)),
+                min_size=1, max_size=5), st.integers(0, 2**32 - 1))  # fmt: skip
+@example([(0.0, 60, 0.0), (0.05, 5, 0.0)], 0)
+@settings(deadline=None)
+def test_predictions_that_are_lost_calibrate_nothing(bins: list[tuple[float, int, float]], seed: int) -> None:
+    """Nor do those of a bin of few drives, which goes with them."""
+    rng = np.random.default_rng(seed)
+    risk = np.concatenate([np.full(count, value) for value, count, _ in bins])
+    hit = np.concatenate([(rng.random(count) < share).astype(float) for _, count, share in bins])
+    for lost in (*(risk == value for value, _, _ in bins), rng.random(len(risk)) < 0.2):
+        if lost.any() and reliability(np.where(lost, np.nan, risk), hit).verdict == "calibrated":
+            assert reliability(risk, hit).verdict == "calibrated"
