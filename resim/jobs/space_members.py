@@ -63,15 +63,25 @@ class Simulated:
 
 @dataclass(frozen=True)
 class SimulatedSource:
-    """How folders of simulated drives are read. space: folder of the space, where commands are to be given; reader: of
-    recordings.
+    """How folders of simulated drives are read.
+
+    Attributes:
+        space: Folder of the space, where commands are to be given.
+        reader: Of recordings.
     """
 
     space: Path
     reader: RecordingReader
 
     def shown(self, path: Path) -> str:
-        """Give a path as a shell takes it in the space's folder."""
+        """Give a path as a shell takes it in the space's folder.
+
+        Args:
+            path: Any path.
+
+        Returns:
+            The path from the folder of the space, quoted.
+        """
         return shlex.quote(relative(Path(os.path.realpath(path)), Path(os.path.realpath(self.space))))
 
 

@@ -39,7 +39,14 @@ class SimulatedRecording:
     place: Mapping[str, object]
 
     def is_accident(self, build: str) -> bool:
-        """Say whether a build drove it, and collides, or breaks off, or nobody says that it does not."""
+        """Say whether a build drove it, and collides, or breaks off, or nobody says that it does not.
+
+        Args:
+            build: Hash of the build.
+
+        Returns:
+            Whether it counts as an accident of that build.
+        """
         return bool(build) and self.build == build and (self.broke_off or self.collided is not False)
 
 
