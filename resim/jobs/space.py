@@ -19,7 +19,7 @@ from resim.jobs.given import path_of
 from resim.jobs.space_members import (
     TRAFFIC,
     Simulated,
-    SimulatedSource,
+    SpaceReading,
     accidents,
     driven_traces,
     one_build,
@@ -216,7 +216,7 @@ def cover(
     """
     folder, (found, told) = path_of(space), read_space(path_of(space))
     within = _within(usual_threshold(found) if options.within is None else options.within)
-    how = SimulatedSource(folder, RecordingReader())
+    how = SpaceReading(folder, RecordingReader())
     given = [(path_of(one), read_simulated(path_of(one), how)) for one in simulated]
     held = [(path_of(one), read_simulated(path_of(one), how)) for one in options.held_out]
     if not given:

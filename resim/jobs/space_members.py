@@ -62,7 +62,7 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class SimulatedSource:
+class SpaceReading:
     """How folders of simulated drives are read.
 
     Attributes:
@@ -85,7 +85,7 @@ class SimulatedSource:
         return shlex.quote(relative(Path(os.path.realpath(path)), Path(os.path.realpath(self.space))))
 
 
-def read_simulated(folder: Path, how: SimulatedSource) -> Simulated:
+def read_simulated(folder: Path, how: SpaceReading) -> Simulated:
     """Read a folder of `resim sweep` or `resim verify`.
 
     Args:
@@ -103,7 +103,7 @@ def read_simulated(folder: Path, how: SimulatedSource) -> Simulated:
     return _of_sweep(folder, read_swept(folder), how)
 
 
-def _of_sweep(folder: Path, swept: SweepResult, how: SimulatedSource) -> Simulated:
+def _of_sweep(folder: Path, swept: SweepResult, how: SpaceReading) -> Simulated:
     inputs = swept.inputs
     builds = list(inputs.builds.items())
     if len(builds) > 1:
@@ -137,7 +137,7 @@ def _of_sweep(folder: Path, swept: SweepResult, how: SimulatedSource) -> Simulat
     )
 
 
-def _of_verification(folder: Path, found: VerificationReport, how: SimulatedSource) -> Simulated:
+def _of_verification(folder: Path, found: VerificationReport, how: SpaceReading) -> Simulated:
     inputs = found.inputs
     if inputs.against is not None:
         raise InputError(folder, "compares two builds: that verifies neither", "Verify the build alone.")
@@ -172,7 +172,7 @@ def _model(inputs: VerificationRequest) -> str:
     )
 
 
-def _repeat(folder: Path, recording: Path, inputs: VerificationRequest, how: SimulatedSource) -> str:
+def _repeat(folder: Path, recording: Path, inputs: VerificationRequest, how: SpaceReading) -> str:
     """The command that repeats what a verification ran of a recording, but for the seed."""
     told = [f"resim run {how.shown(recording)} --build {how.shown(_path(folder, inputs.build.path))}"]
     told.append(f"--out {REPEATED}")

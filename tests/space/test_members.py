@@ -12,7 +12,7 @@ from space.families import drawn
 from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
-from resim.jobs.space_members import Simulated, SimulatedSource, _of_verification, _runs, accidents
+from resim.jobs.space_members import Simulated, SpaceReading, _of_verification, _runs, accidents
 from resim.jobs.space_recordings import RecordingReader
 from resim.recordings.content import content_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
@@ -186,7 +186,7 @@ def test_a_recording_that_could_not_be_verified_is_not_left_out(tmp_path: Path) 
         settings=(),
         accept=(),
     )
-    how = SimulatedSource(tmp_path / "space", RecordingReader())
+    how = SpaceReading(tmp_path / "space", RecordingReader())
     failed = FailedRecording("d", ".", content_hash(tmp_path), "error", "process died", True)
     report = SimpleNamespace(inputs=inputs, recordings=[failed])
     found = _of_verification(tmp_path, report, how)  # type: ignore[arg-type]
@@ -217,7 +217,7 @@ def test_the_command_that_repeats_a_member_is_told_all(
         traffic=traffic, settings=("latency.speed=0.4",), accept=("GAP",),
     )  # fmt: skip
     entry = FailedRecording("d", "../drive", content_hash(tmp_path / "drive"), "error", "process died", True)
-    how = SimulatedSource(tmp_path / "space", RecordingReader())
+    how = SpaceReading(tmp_path / "space", RecordingReader())
     found = _of_verification(tmp_path / "verified", SimpleNamespace(inputs=inputs, recordings=[entry]), how)  # type: ignore[arg-type]
     command = found.runs[0].repeat.split(" --")
     assert command[:3] == ["resim run ../drive", "build ../b.toml", "out ../repeated"]

@@ -382,7 +382,7 @@ def test_nothing_in_a_report_makes_elements(call: Call, tmp_path: Path, plan: st
         write_adaptive(tmp_path / "grid", tuple(wide))
         assert call("sweep", "report", tmp_path / "grid")[0] == 0
         found = read(tmp_path / "grid" / "report.json")
-    ours = {"plan", "engine", "found", "side", "end", "method", "schema", "traffic", "sides"}
+    ours = {"plan", "engine", "found", "side", "end", "method", "schema", "traffic", "sides", "drivers"}
     named = {"responses", "range", "requirements", "widths", "finest", "widest", "builds", "recordings", "versions",
              "decisions", "failures", "parameters", "changes"}  # fmt: skip
     evil = poisoned(found, ours, named)
