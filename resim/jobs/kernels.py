@@ -13,11 +13,13 @@ import pandas as pd
 
 from resim import __version__
 from resim.core.errors import InputError, ResimError
+from resim.core.files import joined
 from resim.core.geometry import Floats
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.jobs.given import path_of
 from resim.jobs.mine import MiningResult, read_mined
+from resim.mining.report import MARK
 from resim.results import whole_file
 from resim.results.folders import KERNELS
 from resim.variations.evaluation import ENOUGH
@@ -149,8 +151,8 @@ def _traces(study: MiningResult, options: TrainOptions) -> Iterator[RecordingTra
     table: pd.DataFrame = study.maneuvers
     wanted = {part.recording: wanted_maneuvers(table, part.recording) for part in study.report.parts}
     taken = chosen_maneuvers(wanted, options.longest, options.most)
-    where = Path(os.path.realpath(study.folder))
-    folders = {part.recording: Path(os.path.normpath(where / part.folder)) for part in study.report.parts}
+    where = Path(os.path.realpath(study.folder)) / MARK
+    folders = {part.recording: joined(where, part.folder) for part in study.report.parts}
     tasks = [CuttingTask(folder, name, taken[name], options.longest) for name, folder in folders.items()]
     workers = min(options.workers or os.cpu_count() or 1, len(tasks))
     waiting: dict[int, RecordingTraces] = {}

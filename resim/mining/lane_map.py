@@ -7,7 +7,7 @@ map's own links (`resim.road.links`), and where a lane has none, by where it end
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from resim.core.geometry import Bools, Floats, sealed, wrap_angle
 from resim.road.links import LaneKey, lane_graph
-from resim.road.opendrive import RoadNetwork
+from resim.road.opendrive import Road, RoadNetwork
 
 Rows = NDArray[np.signedinteger[Any]]
 
@@ -88,6 +88,14 @@ class MinedLanes:
     kind: NDArray[np.str_]
     road_type: NDArray[np.str_]
     lanes: Rows
+
+    @cached_property
+    def _roads(self) -> tuple[Road, ...]:
+        return tuple(self.network.roads.values())
+
+    def road_of(self, row: int) -> Road:
+        """Give the road of a row."""
+        return self._roads[int(self.road[row])]
 
     def station(self, row: Rows, s: Floats) -> Floats:
         """Give metres (K,) along the lane centre from where row (K,) is entered; s (K,) m along the road."""

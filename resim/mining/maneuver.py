@@ -60,6 +60,13 @@ FAMILIES: Registry[LabelFamily] = Registry("family of labels")
 """All families, in the order in which they are found: later ones may need earlier ones."""
 
 
+def drove(features: Features, label: str, start: int, end: int, at: int) -> LabelledManeuver:
+    """Give a maneuver with its speed at the sample that defines it, and how long it lasts."""
+    samples = features.samples
+    figures = {"v_mps": float(samples.v[at]), "duration_s": float(samples.t[end] - samples.t[start])}
+    return LabelledManeuver(label, int(samples.owner[at]), start, end, at, figures=figures)
+
+
 def label_names() -> tuple[str, ...]:
     """Give the names of all labels that ship."""
     return tuple(label for family in FAMILIES for label in family.labels)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from resim.core.errors import InputError, ResimError
-from resim.core.files import file_hash
+from resim.core.files import file_hash, joined
 from resim.core.sealed import read_sealed
 from resim.recordings.settings import SETTINGS, Settings, read_settings
 from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, InputKind, digest, stamps
@@ -153,7 +153,7 @@ def _origin(path: Path) -> tuple[list[str], list[CatalogInput]]:
     mined = [CatalogInput("mining", found.name, str(found), digest(found, "mining"))]
     mined += [
         CatalogInput(
-            "recording", part["recording"], os.path.normpath(found / part["folder"]), part["content"]
+            "recording", part["recording"], str(joined(found / _MINED, part["folder"])), part["content"]
         )
         for part in read_sealed(found / _MINED, "Mine it again.")["parts"]
         if any(file == own or file.startswith(f"{own}/") for file in part["files"])

@@ -15,7 +15,7 @@ from typing import Any
 import duckdb
 
 from resim.core.errors import InputError
-from resim.core.files import check_hashes, parse_json, plain_names, read_file
+from resim.core.files import check_hashes, joined, parse_json, plain_names, read_file
 from resim.core.sealed import read_sealed
 from resim.core.spelling import counted
 from resim.results.entry import (
@@ -195,11 +195,14 @@ def _mining(folder: Path) -> _FolderContents:
     check_hashes(folder, mined["files"], REMEDY)
     parts, failures = mined["parts"], mined["failures"]
     inputs = [
-        CatalogInput("recording", p["recording"], os.path.normpath(folder / p["folder"]), p["content"])
+        CatalogInput(
+            "recording", p["recording"], str(joined(folder / "mined.json", p["folder"])), p["content"]
+        )
         for p in parts
     ]
     inputs += [
-        CatalogInput("recording", f["recording"], os.path.normpath(folder / f["folder"])) for f in failures
+        CatalogInput("recording", f["recording"], str(joined(folder / "mined.json", f["folder"])))
+        for f in failures
     ]
     outcomes = [CatalogOutcome(p["recording"], "", cause=_found(p)) for p in parts]
     outcomes += [CatalogOutcome(f["recording"], "", verdict="error", cause=f["why"]) for f in failures]

@@ -30,9 +30,8 @@ class Engine(Protocol):
 class Mirror(Protocol):
     """A simulator beside a drive: told at every step where everybody is, it says where it has them."""
 
-    @property
     def deciders(self) -> Deciders:
-        """The simulator's own models, as drivers of objects that react."""
+        """Give the simulator's own models, as drivers of objects that react."""
 
     def enter(self, phase: Phase) -> None:
         """Let objects come and go."""

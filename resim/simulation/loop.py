@@ -150,7 +150,7 @@ class ClosedLoop:
             raise ResimError(
                 'drivers = "sumo" needs SUMO, which does not run here. Take drivers = "resim", or engine = "sumo"'
             )
-        return ReactiveTraffic(self.stage, case.traffic, case.network, self.mirror.deciders)
+        return ReactiveTraffic(self.stage, case.traffic, case.network, self.mirror.deciders())
 
     def drive(self) -> list[SimulatedDrive]:
         """Drive from the lead-in's first step to the end. Raises FunctionError where several runs fail with one."""

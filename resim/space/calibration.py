@@ -84,12 +84,12 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
             verdict = "not shown"
         near = IntervalEstimate(mean, float(told[mine].min()), float(told[mine].max()), 1.0)
         bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
+    lost = np.isnan(predicted)
     enough = (np.bincount(where[~unknown], minlength=len(EDGES) - 1) >= LEAST).all()
     every = {one.verdict for one in bins}
     whole: Calibrated = (
         "too low" if "too low" in every
-        else "not shown" if every != {"calibrated"} or hit[np.isnan(predicted)].any()
-        or (np.isnan(predicted).any() and not enough)
+        else "not shown" if every != {"calibrated"} or hit[lost].any() or (lost.any() and not enough)
         else "calibrated"
     )  # fmt: skip
     return ReliabilityReport(tuple(bins), whole, len(told), int(unknown.sum()))

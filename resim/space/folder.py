@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.core.files import check_hashes, file_hash, relative
+from resim.core.files import check_hashes, file_hash, joined, relative
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
 from resim.recordings.tables import read_parquet
@@ -69,9 +69,9 @@ def read_space(folder: Path) -> tuple[Space, SpaceReport]:
     links = {
         one.bucket: BucketLinks(one.threshold, one.chosen, one.method, one.links) for one in told.buckets
     }
-    where = Path(os.path.realpath(folder))
+    where = Path(os.path.realpath(folder)) / MARK
     space = Space(told.settings, told.sources, typed(rows), traces, links)
-    return _with_paths(space, lambda one: os.path.normpath(where / one)), told
+    return _with_paths(space, lambda one: str(joined(where, one))), told
 
 
 def _with_paths(space: Space, told: Callable[[str], str]) -> Space:

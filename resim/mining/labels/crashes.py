@@ -74,7 +74,7 @@ def _way(features: Features, rules: CrashSettings, k: int, counts: np.ndarray) -
     last = int(own[inside[0]])
     row = int(features.row[last])
     table, network = lanes.network.lane_table, lanes.network
-    road = list(network.roads.values())[table.road[row]]
+    road = lanes.road_of(row)
     s = table.start[row] if table.forward[row] else min(table.end[row], road.length) - 1e-9
     heading = float(network.lane_heading(road.id, int(table.lane[row]), s))
     through = (table.road == table.road[row]) & (table.lane == table.lane[row])
@@ -92,12 +92,10 @@ def _crossing(
     if abs(side) < QUARTER and goes_on == (abs(own.turn) <= straight):
         return ""  # one behind the other, or side by side
     if abs(own.turn) <= straight:
-        return (
-            STRAIGHT if goes_on and QUARTER <= abs(side) <= 3.0 * QUARTER else ("" if not goes_on else OTHER)
-        )
-    if not goes_on:
-        return OTHER
-    if abs(side) < QUARTER:
+        if not goes_on:
+            return ""
+        return STRAIGHT if QUARTER <= abs(side) <= 3.0 * QUARTER else OTHER
+    if not goes_on or abs(side) < QUARTER:
         return OTHER
     if own.turn > 0.0:
         if abs(side) > 3.0 * QUARTER:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resim.mining.features import Features
-from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver, drove
 from resim.mining.settings import MiningSettings
 
 ENTER, EXIT = "enter_highway", "exit_highway"
@@ -56,17 +56,11 @@ def find(
         entered = int(on[start[two]])
         if pair in ((ON_RAMP, MAIN), (OTHER, MAIN)):
             begin = int(on[start[one]]) if pair[0] == ON_RAMP else int(on[last[one]])
-            yield _told(features, ENTER, begin, entered, entered)
+            yield drove(features, ENTER, begin, entered, entered)
         elif pair in ((MAIN, OFF_RAMP), (MAIN, OTHER)):
             end = int(on[last[two]]) if pair[1] == OFF_RAMP else entered
             begin = entered if pair[1] == OFF_RAMP else int(on[last[one]])
-            yield _told(features, EXIT, begin, end, entered)
-
-
-def _told(features: Features, label: str, start: int, end: int, at: int) -> LabelledManeuver:
-    samples = features.samples
-    figures = {"v_mps": float(samples.v[at]), "duration_s": float(samples.t[end] - samples.t[start])}
-    return LabelledManeuver(label, int(samples.owner[at]), start, end, at, figures=figures)
+            yield drove(features, EXIT, begin, end, entered)
 
 
 FAMILIES.add(

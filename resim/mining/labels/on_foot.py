@@ -12,9 +12,8 @@ from scipy.spatial import cKDTree
 
 from resim.core.geometry import Bools
 from resim.mining.features import Features
-from resim.mining.labels.others import CROSSING, JOIN, SHORTEST, STILL, slanted
+from resim.mining.labels.others import CROSSING, SHORTEST, STILL, lasting, slanted
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
-from resim.mining.runs import joined, stretches
 from resim.mining.samples import Ints
 from resim.mining.settings import MiningSettings, OnFootSettings
 
@@ -44,13 +43,7 @@ def find(
         drives = moves & samples.kinds(frozenset(settings.kinds))
         cases.append((CROWD, _crowded(features, on_foot, drives, rules), SHORTEST))
     for label, holds, shortest in cases:
-        first, last = stretches(holds, samples.piece_of)
-        for start, end in joined(first, last, samples.t, samples.piece_of, JOIN, shortest):
-            figures = {
-                "v_mps": float(np.mean(samples.v[start : end + 1])),
-                "duration_s": float(samples.t[end] - samples.t[start]),
-            }
-            yield LabelledManeuver(label, int(samples.owner[start]), start, end, start, figures=figures)
+        yield from lasting(features, label, holds, shortest)
 
 
 def _stays(features: Features, rules: OnFootSettings) -> Bools:

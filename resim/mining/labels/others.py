@@ -34,13 +34,19 @@ def find(
     for label, holds in (
         (CROSSING, moves & across & weak), (ALONG, moves & ~across & on_foot), (REVERSING, backs),
     ):  # fmt: skip
-        first, last = stretches(holds, samples.piece_of)
-        for start, end in joined(first, last, samples.t, samples.piece_of, JOIN, SHORTEST):
-            figures = {
-                "v_mps": float(np.mean(samples.v[start : end + 1])),
-                "duration_s": float(samples.t[end] - samples.t[start]),
-            }
-            yield LabelledManeuver(label, int(samples.owner[start]), start, end, start, figures=figures)
+        yield from lasting(features, label, holds, SHORTEST)
+
+
+def lasting(features: Features, label: str, holds: Bools, shortest: float) -> Iterator[LabelledManeuver]:
+    """Give the maneuvers of stretches that hold (K,), of `shortest` [s] or longer, with their mean speed."""
+    samples = features.samples
+    first, last = stretches(holds, samples.piece_of)
+    for start, end in joined(first, last, samples.t, samples.piece_of, JOIN, shortest):
+        figures = {
+            "v_mps": float(np.mean(samples.v[start : end + 1])),
+            "duration_s": float(samples.t[end] - samples.t[start]),
+        }
+        yield LabelledManeuver(label, int(samples.owner[start]), start, end, start, figures=figures)
 
 
 def slanted(features: Features) -> Bools:

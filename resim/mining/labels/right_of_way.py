@@ -157,7 +157,7 @@ class _Rights:
         if row not in self.lines:
             network = self.features.lanes.network
             table = network.lane_table
-            road = list(network.roads.values())[table.road[row]]
+            road = self.features.lanes.road_of(row)
             s = np.linspace(table.start[row], min(table.end[row], road.length) - 1e-9, 20)
             x, y = network.to_xy(np.full(20, road.id), np.full(20, table.lane[row]), s, 0.0)
             self.lines[row] = shapely.LineString(np.stack([x, y], axis=1))
@@ -172,7 +172,7 @@ def _of(ways: tuple[np.ndarray, np.ndarray], row: int) -> list[int]:
 def _signs(lanes: MinedLanes, row: int, near: float) -> set[str]:
     """What kinds of signals are for a lane, up to `near` [m] before the end of its road."""
     table = lanes.network.lane_table
-    road = list(lanes.network.roads.values())[table.road[row]]
+    road = lanes.road_of(row)
     lane, forward = int(table.lane[row]), bool(table.forward[row])
     return {
         str(one.kind)

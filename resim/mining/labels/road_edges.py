@@ -11,7 +11,7 @@ import numpy as np
 
 from resim.mining.features import Features
 from resim.mining.labels.others import STILL, slanted
-from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
+from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver, drove
 from resim.mining.runs import stretches
 from resim.mining.samples import Ints
 from resim.mining.settings import MiningSettings
@@ -61,12 +61,12 @@ def find_edges(
         moving = np.flatnonzero(np.abs(samples.v[start : end + 1]) > STILL) + start
         if entered[k] and beside[k] == PARKING:
             stops = int(moving[-1]) if len(moving) else start
-            yield _told(features, PARKS, start - 1, stops, start)
+            yield drove(features, PARKS, start - 1, stops, start)
         elif entered[k] and not across[start - 1] and _off_road(features, start - 1, beside[k]):
-            yield _told(features, DEPARTURE, start - 1, end, start)
+            yield drove(features, DEPARTURE, start - 1, end, start)
         if left[k] and beside[len(first) + k] == PARKING:
             starts = int(moving[0]) if len(moving) else end
-            yield _told(features, UNPARKS, starts, end + 1, end + 1)
+            yield drove(features, UNPARKS, starts, end + 1, end + 1)
 
 
 def _beside(features: Features, at: Ints) -> list[str]:
@@ -88,15 +88,9 @@ def _off_road(features: Features, k: int, beside: str) -> bool:
         return False
     if beside:
         return True
-    road = list(features.lanes.network.roads.values())[features.lanes.road[features.row[k]]]
+    road = features.lanes.road_of(features.row[k])
     step = 1.0 + float(np.hypot(samples.x[k + 1] - samples.x[k], samples.y[k + 1] - samples.y[k]))
     return bool(step < features.s[k] < road.length - step)
-
-
-def _told(features: Features, label: str, start: int, end: int, at: int) -> LabelledManeuver:
-    samples = features.samples
-    figures = {"v_mps": float(samples.v[at]), "duration_s": float(samples.t[end] - samples.t[start])}
-    return LabelledManeuver(label, int(samples.owner[at]), start, end, at, figures=figures)
 
 
 FAMILIES.add(

@@ -39,9 +39,8 @@ class SumoMirror:
         ego = stage.members[0]
         session.add(EGO, ego.length, ego.width, abs(stage.plan.state(0, stage.plan.begin).v))
 
-    @property
     def deciders(self) -> SumoDrivers:
-        """SUMO's own models, as drivers of objects that react."""
+        """Give SUMO's own models, as drivers of objects that react."""
         return SumoDrivers(self._stage, self._network, self._session)
 
     def enter(self, phase: Phase) -> None:
