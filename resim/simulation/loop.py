@@ -150,6 +150,11 @@ class ClosedLoop:
             raise ResimError(
                 'drivers = "sumo" needs SUMO, which does not run here. Take drivers = "resim", or engine = "sumo"'
             )
+        if case.traffic.lane_change.possible and any(road.left_hand for road in case.network.roads.values()):
+            raise ResimError(
+                f'drivers = "sumo" on {case.network.path.name}: traffic keeps left there, and SUMO\'s LC2013 keeps right. '
+                'Take drivers = "resim", or possible = false in [lane_change]'
+            )
         return ReactiveTraffic(self.stage, case.traffic, case.network, self.mirror.deciders())
 
     def drive(self) -> list[SimulatedDrive]:

@@ -16,7 +16,7 @@ import pytest
 from conftest import ROOT
 
 from resim.core.errors import ResimError
-from resim.road.opendrive import RoadNetwork
+from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.scenario import Scenario
 from resim.simulation.case import Case, SimulatedDrive
 from resim.simulation.direct import Direct
@@ -136,3 +136,33 @@ def test_sumos_models_drive_by_the_parameters_of_a_file(
 def test_sumos_drivers_need_sumo(behind_a_crawler: Callable[..., SimulatedDrive]) -> None:
     with pytest.raises(ResimError, match='drivers = "sumo" needs SUMO'):
         behind_a_crawler(Direct(), drivers="sumo")
+
+
+def test_sumos_drivers_off_the_road_follow_all_the_same(
+    function: Any, network: RoadNetwork, member: Any
+) -> None:
+    """Beside the map, where SUMO has no lane for them, its library would end the process; resim's IDM is the same."""
+    slows = function("return Command(-2.0 if perceived.ego.v > 10.0 else 0.0, 0.0)")
+    ego, other = (member(name, s, 20.0, lane=-3, t=-4.0) for name, s in (("ego", 300.0), ("f", 270.0)))
+    scenario = Scenario(network.path.name, 4.0, ego, (other,))
+    ours, theirs = (
+        Case(scenario, network, slows, Sumo(), traffic=ReactiveSettings(drivers=who)).drive()
+        for who in ("resim", "sumo")
+    )
+    assert [one.id for one in theirs.handed_over] == ["f"]
+    np.testing.assert_allclose(theirs.truth.x, ours.truth.x, rtol=0, atol=1e-6)
+
+
+def test_sumos_drivers_change_no_lanes_where_traffic_keeps_left(
+    function: Any, network: RoadNetwork, member: Any, tmp_path: Path
+) -> None:
+    """SUMO's net does not say that it does, and LC2013 keeps right."""
+    path = tmp_path / "left.xodr"
+    path.write_text(network.path.read_text().replace('rule="RHT"', 'rule="LHT"'))
+    left = load(path)
+    scenario = Scenario(path.name, 1.0, member("ego", 300.0, end=1.0), ())
+    traffic = ReactiveSettings(drivers="sumo")
+    with pytest.raises(ResimError, match="keeps left there"):
+        Case(scenario, left, function(), Sumo(), traffic=traffic).drive()
+    keeps = traffic.model_copy(update={"lane_change": LaneChangeSettings(possible=False)})
+    assert Case(scenario, left, function(), Sumo(), traffic=keeps).drive().collisions == ()

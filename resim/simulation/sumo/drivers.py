@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from resim.core.geometry import Floats
 from resim.road.links import LaneKey
 from resim.road.opendrive import RoadNetwork
 from resim.road.sumo import sumo_net
 from resim.simulation.guide import Guide
-from resim.simulation.reactive.drivers import TrafficDriver
+from resim.simulation.reactive.drivers import TrafficDriver, wanted
 from resim.simulation.reactive.lanes import Side
 from resim.simulation.sumo.session import DriverParameters, Session
 from resim.simulation.traffic import Stage
@@ -31,7 +33,7 @@ class SumoDrivers:
     def __init__(self, stage: Stage, network: RoadNetwork, session: Session) -> None:
         self._stage, self._network, self._session = stage, network, session
         self._step = session.step_length
-        self._parameters = dict[int, DriverParameters]()
+        self._drivers = dict[int, tuple[TrafficDriver, DriverParameters]]()
         self._edges = dict[int, list[str]]()
         self._routed = set[int]()
 
@@ -42,17 +44,22 @@ class SumoDrivers:
         )
         member = self._stage.members[row]
         self._session.let_decide(f"{row}", member.length, member.width, parameters)
-        self._parameters[row] = parameters
+        self._drivers[row] = driver, parameters
 
     def give_back(self, row: int) -> None:
         """Let nobody decide for an object any longer."""
         self._session.decide_no_longer(f"{row}")
-        del self._parameters[row]
+        del self._drivers[row]
         self._routed.discard(row)
 
     def acceleration(self, row: int, v: float, gap: float, lead_v: float) -> float:
-        """Give what SUMO's car-following model does [m/s²] at v [m/s], `gap` [m] behind who drives lead_v [m/s]."""
-        parameters = self._parameters[row]
+        """Give what SUMO's car-following model does [m/s²] at v [m/s], `gap` [m] behind who drives lead_v [m/s].
+
+        SUMO asks it for vehicles on its lanes only, and breaks down for others: there resim's gives the same.
+        """
+        driver, parameters = self._drivers[row]
+        if not self._session.lane(f"{row}"):
+            return float(wanted(driver, v, np.array([gap]), np.array([lead_v]))[0])
         if not math.isfinite(gap):
             gap, lead_v = _FREE, parameters.max_speed
         return (self._session.followed(f"{row}", v, gap, lead_v, parameters) - v) / self._step
@@ -70,7 +77,7 @@ class SumoDrivers:
         """Tell SUMO the edges of an object's measured way, from the one on which it is; say whether it knows them."""
         if row not in self._edges:
             self._edges[row] = _edges(self._stage.plan, row, self._network)
-        edges, now = self._edges[row], self._session.edge(f"{row}")
+        edges, now = self._edges[row], self._session.lane(f"{row}").rsplit("_", 1)[0]
         if now in edges and self._session.set_route(f"{row}", edges[edges.index(now) :]):
             self._routed.add(row)
             return True

@@ -173,10 +173,9 @@ class Session:
         """Let SUMO's models rest again."""
         self._vehicle.setActionStepLength(name, _NEVER)
 
-    def edge(self, name: str) -> str:
-        """Give the edge on which SUMO has a vehicle, "" for none, or one inside of a junction."""
-        found = str(self._vehicle.getRoadID(name))
-        return "" if found.startswith(":") else found
+    def lane(self, name: str) -> str:
+        """Give the lane on which SUMO has a vehicle, "" for none: it is off the road as SUMO knows it."""
+        return str(self._vehicle.getLaneID(name))
 
     def set_route(self, name: str, edges: Sequence[str]) -> bool:
         """Say where a vehicle goes, from the edge on which it is; False where SUMO finds no way along these edges."""
