@@ -152,7 +152,7 @@ class ClosedLoop:
             )
         if case.traffic.lane_change.possible and any(road.left_hand for road in case.network.roads.values()):
             raise ResimError(
-                f'drivers = "sumo" on {case.network.path.name}: traffic keeps left there, and SUMO\'s LC2013 keeps right. '
+                f'drivers = "sumo" on {case.network.path.name}: traffic keeps left there, SUMO\'s LC2013 right. '
                 'Take drivers = "resim", or possible = false in [lane_change]'
             )
         return ReactiveTraffic(self.stage, case.traffic, case.network, self.mirror.deciders())
