@@ -65,7 +65,9 @@ def notes(result: Resimulation) -> Iterator[str]:
         if drive.end in ("collision", "off_road"):
             yield f"{source} ended at t = {drive.truth.t[-1]:.2f} s: {drive.end.replace('_', ' ')}"
         if drive.handed_over:
-            yield f"{source}: {handed_over(drive.handed_over)}"
+            traffic = drive.case.traffic
+            by_sumo = traffic is not None and traffic.drivers == "sumo"
+            yield f"{source}: {handed_over(drive.handed_over, by_sumo=by_sumo)}"
         if drive.left_route is not None:
             yield f"{source} left the measured route at {drive.left_route:.1f} s"
         if drive.failure:
@@ -75,8 +77,12 @@ def notes(result: Resimulation) -> Iterator[str]:
         yield from _sensed(recording, measured, result.errors)
 
 
-def handed_over(found: Sequence[HandedOver]) -> str:
-    """Say which objects left their traces; of many, those who braked hardest with the reason."""
+def handed_over(found: Sequence[HandedOver], *, by_sumo: bool = False) -> str:
+    """Say which objects left their traces; of many, those who braked hardest with the reason.
+
+    by_sumo: whether SUMO's own models decided for them.
+    """
+    whose = " of SUMO's own models" if by_sumo else ""
     ids = {one.id for one in found}
     hardest = sorted(sorted(found, key=lambda one: -one.hardest)[:_TOLD], key=lambda one: one.t)
     told = [
@@ -87,7 +93,7 @@ def handed_over(found: Sequence[HandedOver]) -> str:
         for one in hardest
     ]
     more = f"; and {len(found) - _TOLD} times more, braking no harder" if len(found) > _TOLD else ""
-    return f"{counted(len(ids), 'traffic object')} {HANDED_OVER}, not as measured: {'; '.join(told)}{more}"
+    return f"{counted(len(ids), 'traffic object')} {HANDED_OVER}{whose}, not as measured: {'; '.join(told)}{more}"
 
 
 def _changes(one: HandedOver) -> str:

@@ -16,6 +16,7 @@ import pytest
 from conftest import ROOT
 
 from resim.core.errors import ResimError
+from resim.resimulation.notes import handed_over
 from resim.road.opendrive import RoadNetwork, load
 from resim.scenario.scenario import Scenario
 from resim.simulation.case import Case, SimulatedDrive
@@ -116,6 +117,9 @@ def test_sumos_models_drive(behind_a_crawler: Callable[..., SimulatedDrive]) -> 
     changes = {one.id: [change.side for change in one.lane_changes] for one in changing.handed_over}
     assert changes["f"][0] == changes["h"][0] == "left"
     assert changing.collisions == ()
+    assert "handed over to drivers of SUMO's own models, not" in handed_over(
+        changing.handed_over, by_sumo=True
+    )
     assert changing.fingerprint() == again.fingerprint()
     other = behind_a_crawler(drivers="resim")
     assert [one.lane_changes for one in other.handed_over] != [

@@ -69,7 +69,7 @@ class SumoDrivers:
 
         SUMO said so in the step that it took last.
         """
-        if row not in self._routed and not self._route(row):
+        if not self._session.lane(f"{row}") or (row not in self._routed and not self._route(row)):
             return ()
         return tuple(side for side, direction in _DIRECTIONS if self._session.changes(f"{row}", direction))
 
