@@ -161,6 +161,12 @@ class SkiddingSettings(Strict):
     shortest: float = Field(default=0.3, ge=0.0)
 
 
+class RoadEdgeSettings(Strict):
+    """Who is beyond the driven lanes for `shortest` [s] or longer, or till it is seen no more, has left the road."""
+
+    shortest: float = Field(default=0.5, ge=0.0)
+
+
 class RightOfWaySettings(Strict):
     """Lights and stop signs of the map. near [m]: a signal stands up to so far before its junction, and who is held up
     there stands so near. stop_speed [m/s]: who is no slower within stop_before [m] of the junction did not stop,
@@ -264,6 +270,7 @@ class MiningSettings(Strict):
     on_foot: OnFootSettings = OnFootSettings()
     starting: StartingSettings = StartingSettings()
     skidding: SkiddingSettings = SkiddingSettings()
+    road_edge: RoadEdgeSettings = RoadEdgeSettings()
     right_of_way: RightOfWaySettings = RightOfWaySettings()
     crash: CrashSettings = CrashSettings()
     region: tuple[RegionSettings, ...] = ()

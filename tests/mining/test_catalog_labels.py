@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +11,13 @@ import pytest
 from mining.planted import Drive, path_of, smooth, steady, tracks_of, write_motorway
 
 from resim.core.tracks import Tracks
+from resim.jobs.generate import generate_recording
 from resim.mining.features import features
 from resim.mining.find import find_maneuvers
+from resim.recordings import read_recording
 from resim.road.opendrive import RoadNetwork, load
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -43,6 +48,43 @@ def test_who_leaves_the_road_at_its_side_and_who_leaves_the_map(motorway: RoadNe
     assert begins == pytest.approx(4.5, abs=0.1)
     end = path_of(motorway, "7", -2, 1500.0, 99.0)
     assert "leave_road" not in labels_of(tracks_of(end, [Drive("a", steady(20.0), end=4.9)]), motorway)
+
+
+def test_who_is_beside_the_road_for_a_moment_has_not_left_it(motorway: RoadNetwork) -> None:
+    path = path_of(motorway, "7", -2, 20.0, 250.0)
+    away = Drive("a", steady(20.0), lambda t: -smooth(t, 2.0, 1.0, 2.0) + smooth(t, 3.0, 1.0, 2.0), end=9.0)
+    tracks = tracks_of(path, [away])
+    assert "leave_road" not in labels_of(tracks, motorway)
+    cut = replace(tracks, valid=tracks.valid & (tracks.t <= 3.0))
+    assert len(labels_of(cut, motorway)["leave_road"]) == 1  # seen no more, it did not come back
+
+
+def test_both_who_touch_sides_do(motorway: RoadNetwork) -> None:
+    """Boxes that overlap as much along as across, as seen by the one, and less, as seen by the other."""
+    path = path_of(motorway, "7", -1, 250.0, 300.0)
+    for angle in (0.1, 0.3, 0.5):
+        for along in np.linspace(2.0, 4.4, 13):
+            ahead = Drive("b", lambda t, along=along: along + 20.0 * t, end=0.4)
+            tracks = tracks_of(path, [Drive("a", steady(20.0), end=0.4), ahead])
+            turned = np.array([[0.0], [angle]])
+            told = labels_of(replace(tracks, heading=tracks.heading + turned), motorway)
+            assert len(told["collision"]) == 2
+            assert len(told.get("sideswipe", ())) in (0, 2)
+
+
+def test_a_map_without_any_light_or_sign_says_nothing_of_who_has_the_way(tmp_path: Path) -> None:
+    made = generate_recording(
+        ROOT / "scenarios" / "catalog" / "generate" / "urban_unprotected_left.toml", tmp_path / "out"
+    )
+    recording = read_recording(made.folder)
+    bare = tmp_path / "bare.xodr"
+    bare.write_text(
+        re.sub("<signals>.*?</signals>", "", recording.map.read_text("utf-8"), flags=re.S), "utf-8"
+    )
+    assert "unprotected_way" in labels_of(recording.gt, load(recording.map))
+    told = labels_of(recording.gt, load(bare))
+    assert "turn_left" in told
+    assert "unprotected_way" not in told
 
 
 def test_who_skids_moves_across_its_heading(motorway: RoadNetwork) -> None:

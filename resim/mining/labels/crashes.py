@@ -109,11 +109,15 @@ def _crossing(
 
 
 def _sideswipe(features: Features, rules: CrashSettings, own: int, other: int) -> bool:
-    """Whether two that go the same way touch at their sides: their boxes overlap more along than across."""
+    """Whether two that go the same way touch at their sides: their boxes overlap more along than across.
+
+    Along is midway between their headings, so that it is said of both or of none.
+    """
     samples = features.samples
-    heading = samples.heading[own]
-    if abs(float(wrap_angle(samples.heading[other] - heading))) > rules.along:
+    between = float(wrap_angle(samples.heading[other] - samples.heading[own]))
+    if abs(between) > rules.along:
         return False
+    heading = samples.heading[own] + 0.5 * between
     dx, dy = samples.x[other] - samples.x[own], samples.y[other] - samples.y[own]
     along, across = (
         abs(dx * np.cos(heading) + dy * np.sin(heading)),

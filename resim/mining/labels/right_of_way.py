@@ -2,7 +2,8 @@
 
 States of lights are in no object list. What shows is that lights hold others back: a way is protected if somebody
 stands, as long as it lasts, at the lights of an approach whose ways cross it, and nobody drives on such a way. At a
-junction without lights every way is unprotected. At lights that hold back nobody seen, nothing is said.
+junction without lights every way is unprotected. At lights that hold back nobody seen, nothing is said; nor anywhere on
+a map without any light or sign that tells who has the way, since that map may just not say so.
 """
 
 from __future__ import annotations
@@ -38,9 +39,9 @@ def find(
     rights = _Rights(features, rules, settings.standing.speed)
     for way in ways:
         junction, approach = int(features.junction[way.start]), rights.approach(way.start)
-        if junction not in rights.lit:
+        if junction not in rights.lit and rights.told:
             yield LabelledManeuver(UNPROTECTED, way.object, way.start, way.end, way.start)
-        elif (held := rights.held_back(way)) >= 0:
+        elif junction in rights.lit and (held := rights.held_back(way)) >= 0:
             yield LabelledManeuver(PROTECTED, way.object, way.start, way.end, way.start, held)
         if approach in rights.stops:
             near = rights.last_metres(way.start, approach)
@@ -91,6 +92,7 @@ class _Rights:
         lit = {row for row in inside if "light" in _signs(lanes, row, np.inf)}
         lit |= {row for row, rows in self.approaches.items() if any("light" in signs[one] for one in rows)}
         self.lit = {int(lanes.junction[row]) for row in lit}
+        self.told = any(one.kind is not None for road in lanes.network.roads.values() for one in road.signals)
         self.stops = {one for one, kinds in signs.items() if "stop" in kinds}
         self.lines: dict[int, shapely.LineString] = {}
 

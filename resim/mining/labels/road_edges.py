@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from resim.core.geometry import Bools
 from resim.mining.features import Features
 from resim.mining.labels.others import STILL, slanted
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver, drove
@@ -56,29 +57,32 @@ def find_edges(
     entered[entered] = piece[first[entered] - 1] == piece[first[entered]]
     left[left] = piece[last[left] + 1] == piece[last[left]]
     across = slanted(features)
-    beside = _beside(features, np.r_[first, last])
+    beside, in_junction = _beside(features, np.r_[first, last])
+    barely = left & (samples.t[last] - samples.t[first] < settings.road_edge.shortest)
+    elsewhere = barely | in_junction[: len(first)] | across[first - 1]
     for k, (start, end) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
         moving = np.flatnonzero(np.abs(samples.v[start : end + 1]) > STILL) + start
         if entered[k] and beside[k] == PARKING:
             stops = int(moving[-1]) if len(moving) else start
             yield drove(features, PARKS, start - 1, stops, start)
-        elif entered[k] and not across[start - 1] and _off_road(features, start - 1, beside[k]):
+        elif entered[k] and not elsewhere[k] and _off_road(features, start - 1, beside[k]):
             yield drove(features, DEPARTURE, start - 1, end, start)
         if left[k] and beside[len(first) + k] == PARKING:
             starts = int(moving[0]) if len(moving) else end
             yield drove(features, UNPARKS, starts, end + 1, end + 1)
 
 
-def _beside(features: Features, at: Ints) -> list[str]:
-    """The type of the lane that nobody drives on at samples, "" for none; parking comes first."""
+def _beside(features: Features, at: Ints) -> tuple[list[str], Bools]:
+    """The type of the lane that nobody drives on at samples, "" for none, parking first; and which are in junctions."""
     network = features.lanes.network
     found = network.lanes_at(features.samples.x[at], features.samples.y[at])
-    out = [""] * len(at)
+    out, inside = [""] * len(at), np.zeros(len(at), dtype=bool)
     for point, row in zip(found.point.tolist(), found.row.tolist(), strict=True):
         kind = network.lane_table.types[row]
         if network.lane_table.lane[row] != 0 and out[point] != PARKING:
             out[point] = kind
-    return out
+            inside[point] |= features.lanes.junction[row] >= 0
+    return out, inside
 
 
 def _off_road(features: Features, k: int, beside: str) -> bool:
