@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -71,6 +72,57 @@ def test_a_scenario_is_a_recording_and_a_jscen_file_of_its_window(tmp_path: Path
     assert (tmp_path / "out" / row["jscen"]).with_name(scenario.map).is_file()
     again = mine([tmp_path / "out" / row["folder"]], tmp_path / "again", MineOptions(fit=False))
     assert again.labels["follow_lane"] >= 1  # what is cut out is a recording like any other
+
+
+def test_what_was_mined_goes_into_a_run_a_suite_and_a_sweep(tmp_path: Path, drive: Path, call: Call) -> None:
+    found = mine([drive], tmp_path / "out")
+    folder = tmp_path / "out" / found.scenarios.iloc[0]["folder"]
+    build = SHIPPED.parent / "adfunc" / "builds" / "replay-1.0.toml"
+    criteria = SHIPPED / "criteria" / "highway.toml"
+
+    code, out, err = call("run", str(folder), "--build", str(build), "--out", str(tmp_path / "run"))
+    assert code == 0, out + err
+    assert (tmp_path / "run" / "report.html").is_file()
+
+    suite = tmp_path / "suite.toml"
+    code, out, err = call(
+        "suite", "new", str(folder.parent), "--out", str(suite), "--criteria", str(criteria)
+    )
+    assert code == 0, out + err
+    code, out, err = call(
+        "verify",
+        str(suite),
+        "--build",
+        str(build),
+        "--driven-by",
+        "unknown",
+        "--out",
+        str(tmp_path / "verify"),
+    )
+    assert code == 0, out + err
+    (told,) = json.loads((tmp_path / "verify" / "verification.json").read_text("utf-8"))["recordings"]
+    assert told["verdict"] == "verified"
+
+    swept = tmp_path / "sweep.toml"
+    swept.write_text(
+        f"""name = "mined"
+criteria = "{criteria}"
+build = ["{build.with_name("idm-1.0.toml")}"]
+plan = "grid"
+seeds = 1
+perception = "{SHIPPED.parent / "adfunc" / "perception" / "field_of_view.json"}"
+[[recording]]
+folder = "{folder}"
+[[parameter]]
+name = "perception.latency.speed"
+low = 0.0
+high = 0.5
+steps = 2
+""",
+        "utf-8",
+    )
+    code, out, err = call("sweep", str(swept), "--out", str(tmp_path / "sweep"))
+    assert (code, "2 runs, 0 failed" in out) == (0, True), out + err
 
 
 def test_bad_recordings_are_told_of_and_the_others_are_mined(tmp_path: Path, drive: Path) -> None:
