@@ -55,6 +55,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,mining_damaged,validate_mining.py damaged --hours 0.1 --seed 3)
 	$(call validated,mining_augmented,validate_mining.py augmented --count 10)
 	$(call validated,kinds,validate_kinds.py)
+	$(call validated,distances,validate_distances.py $(DATA))
 	$(call validated,space,validate_space.py)
 	$(call validated,lane_changes,validate_lane_changes.py $(DATA))
 	$(call validated,real_recordings,check_real.py $(DATA))
