@@ -27,7 +27,7 @@ class ReliabilityBin:
         low: Lower edge.
         high: Upper edge.
         drives: How many were held out.
-        predicted: Mean predicted risk of them; NaN of none.
+        predicted: Mean predicted risk of them.
         collided: Share of them that collided, with the exact interval of all bins together.
         verdict: `too low` where the prediction lies below the interval; `not shown` for too few drives.
     """
@@ -35,7 +35,7 @@ class ReliabilityBin:
     low: float
     high: float
     drives: int
-    predicted: IntervalEstimate
+    predicted: float
     collided: IntervalEstimate
     verdict: Calibrated
 
@@ -82,8 +82,7 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
             verdict = "too low"
         elif mean < found.low or known.sum() < LEAST:
             verdict = "not shown"
-        near = IntervalEstimate(mean, float(told[mine].min()), float(told[mine].max()), 1.0)
-        bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
+        bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), mean, found, verdict))
     lost = np.isnan(predicted)
     enough = (np.bincount(where[~unknown], minlength=len(EDGES) - 1) >= LEAST).all()
     every = {one.verdict for one in bins}

@@ -108,7 +108,7 @@ def calibration(found: ReliabilityReport | None) -> Markup:
     """Give the reliability diagram."""
     if found is None:
         return html("<p>Not shown: no drives were held out (<code>--held-out</code>).</p>")
-    mean = np.array([one.predicted.value for one in found.bins])
+    mean = np.array([one.predicted for one in found.bins])
     seen, low, high = (
         np.array([getattr(one.collided, name) for one in found.bins]) for name in ("value", "low", "high")
     )
@@ -126,7 +126,7 @@ def calibration(found: ReliabilityReport | None) -> Markup:
     figure.update_xaxes(title_text="predicted risk")
     figure.update_yaxes(title_text="share that collided")
     rows = [
-        [f"{one.low:g} to {one.high:g}", str(one.drives), number(one.predicted.value), percent(one.collided),
+        [f"{one.low:g} to {one.high:g}", str(one.drives), number(one.predicted), percent(one.collided),
          one.verdict]
         for one in found.bins
     ]  # fmt: skip
