@@ -1,4 +1,4 @@
-"""Do intervals between two spaces hold the truth, and how far are they on the safe side: 500 draws of known populations.
+"""Do intervals between two spaces hold the truth, and how far on the safe side: 500 draws of known populations.
 
     python tools/validate_comparison.py [DRAWS]
 
@@ -46,7 +46,7 @@ SIZES = ((30, 20), (400, 300), (4000, 1000))
 def held(one: Floats, other: Floats, sizes: tuple[int, int], together: int, draws: int) -> list[str]:
     """A row: how often the truth is held by total variation, its ends, and differences of shares."""
     rng = np.random.default_rng(0)
-    both = [sum(np.roll(p, k) for k in range(together)) / together for p in (one, other)]
+    both = [np.mean([np.roll(p, k) for k in range(together)], axis=0) for p in (one, other)]
     truth, expected = (
         0.5 * float(np.abs(both[0] - both[1]).sum()),
         np.minimum(sizes[0] * both[0], sizes[1] * both[1]),
@@ -54,7 +54,7 @@ def held(one: Floats, other: Floats, sizes: tuple[int, int], together: int, draw
     spread, ends, inside, parts = (float(together),) * 2, [], 0, np.zeros(len(one))
     for _ in range(draws):
         occasions = [rng.multinomial(n // together, p) for n, p in zip(sizes, (one, other), strict=True)]
-        counts = np.stack([sum(np.roll(c, k) for k in range(together)) for c in occasions])
+        counts = np.stack([np.sum([np.roll(c, k) for k in range(together)], axis=0) for c in occasions])
         found = variation(counts, spread)
         inside += found.low <= truth <= found.high
         ends.append((found.value, found.low, found.high))
