@@ -188,7 +188,9 @@ def test_a_resumed_study_names_a_recording_where_it_lies_now(tmp_path: Path, dri
     shutil.move(drive, moved)
     shutil.copy(tmp_path / "motorway.xodr", tmp_path / "archive")
     found = mine([moved], out, options)
-    assert (out / "parts" / "drive" / "maneuvers.parquet").stat().st_mtime_ns == when  # it was not mined again
+    assert (
+        out / "parts" / "drive" / "maneuvers.parquet"
+    ).stat().st_mtime_ns == when  # it was not mined again
     assert (out / found.report.parts[0].folder).resolve() == moved
     assert read_mined(out).report.parts[0].folder == "../archive/drive"
 

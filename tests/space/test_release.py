@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from browsed import chromium, opened, too_faint
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from space.spaces import KINDS, source, space_of
@@ -21,7 +22,7 @@ from resim.space.described import report
 from resim.space.limits import ReleaseLimits, read_limits
 from resim.space.members import MEMBER_COLUMNS
 from resim.space.model import Space
-from resim.space.page import write_cover_page
+from resim.space.page import write_cover_page, write_release_page
 from resim.space.release import ReleaseReport, decide, release_case, release_checks, verdict_of
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
@@ -335,3 +336,19 @@ def test_before_and_after_a_build() -> None:
     same = compare_spaces(together(before, placed([*KINDS[:4]] * 100, 3, build="b" * 64)), ("", ""), ("", ""))
     assert same.apart.low == 0.0
     assert all(one.difference.low < 0.0 < one.difference.high for one in same.kinds)
+
+
+@pytest.mark.parametrize("width", [400, 1280])
+def test_the_page_of_a_release_is_read_on_a_phone_and_a_desk(tmp_path: Path, width: int) -> None:
+    space = space_of([*KINDS[:5]] * 2, hours=1.0)
+    held = reliability(np.array([0.0, 0.05]), np.array([0.0, np.nan]))
+    covered = cover(space, members(space, 1, 0.0), held)
+    write_release_page(decide(space, covered, limits(8e-6), HASHES), covered, tmp_path)
+    with chromium() as browser, opened(browser, tmp_path / "release.html", width=width) as page:
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+        assert not too_faint(page)
+        rows = page.evaluate("() => [...document.querySelectorAll('tbody tr')].map(r => r.offsetHeight)")
+        assert max(rows) <= 120, rows
+        words = page.inner_text("body")
+    assert "1 member that counts, at least 30 are needed" in words
+    assert "2 held-out drives: not shown. Without a prediction or an outcome: 1." in words
