@@ -29,7 +29,7 @@ EACH, FEW = 40, 6
 V, DURATION = 24.0, 8.0
 """m/s of the EGO, s of a drive."""
 BRAKING = {"brakes": (0.0, 5.0), "brakes little": (0.0, 1.6), "far": (0.0, 0.0)}
-"""m/s², drawn evenly between; who brakes little does so with somebody beside the EGO, and is of another kind by that."""
+"""m/s², drawn evenly between; who brakes little does so with somebody beside the EGO, and is of another kind so."""
 HARDER = {"brakes": (4.0, 8.0), "brakes little": (1.0, 4.0), "far": (0.0, 0.0)}
 GAP = {"brakes": (6.0, 12.0), "brakes little": (14.0, 20.0), "far": (55.0, 70.0)}
 """m between centres as the drive begins."""

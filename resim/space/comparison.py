@@ -95,7 +95,7 @@ def together(one: Space, other: Space, workers: int = 1) -> Space:
         if mine != theirs:
             problem = f"its {name} is {theirs!s}, that of the other space is {mine!s}"
             raise InputError("the second space", problem, "Build both spaces with the same settings.")
-    maps, others = (set(space.rows["map"].astype(str)) for space in (one, other))
+    maps, others = ({str(name) or "unknown" for name in space.rows["map"]} for space in (one, other))
     if one.settings.bucket == "road" and maps.isdisjoint(others):
         problem = f"its maps ({', '.join(sorted(others))}) are none of the other space's ({', '.join(sorted(maps))})"
         remedy = 'Scenarios are compared on one road: build both spaces with bucket = "lanes" or "vehicles".'
@@ -148,8 +148,11 @@ def compare_spaces(both: Space, names: tuple[str, str], hashes: tuple[str, str])
 def _driven_by(build: pd.Series[str]) -> str:
     """Who drove the EGOs of a space's scenarios."""
     counts = sorted(Counter(build.astype(str).tolist()).items())
-    told = [f"{n} scenarios of {f'build {name[:12]}' if name else 'people'}" for name, n in counts]
-    return ", ".join(told) or "no scenario"
+    told = [
+        f"{n} scenarios {f'driven by build {name[:12]}' if name else 'of people, or where nobody says who drove'}"
+        for name, n in counts
+    ]
+    return ", ".join(told)
 
 
 def _elsewhere(rows: pd.DataFrame, space: Ints) -> Iterator[str]:

@@ -324,7 +324,8 @@ def test_before_and_after_a_build() -> None:
     after = placed([*KINDS[:2]] * 100 + [KINDS[2]] * 200, 2, build="b" * 64)
     found = compare_spaces(together(before, after), ("before", "after"), ("", ""))
     assert found.notes[:2] == (
-        "the first space: 400 scenarios of build aaaaaaaaaaaa", "the second space: 400 scenarios of build bbbbbbbbbbbb"
+        "the first space: 400 scenarios driven by build aaaaaaaaaaaa",
+        "the second space: 400 scenarios driven by build bbbbbbbbbbbb",
     )  # fmt: skip
     assert (found.only_one, found.only_other) == (1, 0)
     gone, more, *others = found.kinds
