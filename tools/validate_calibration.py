@@ -3,14 +3,16 @@
     python tools/validate_calibration.py [EACH [OUT]]
 
 `constant_velocity-1.0` never brakes. Somebody cuts in and brakes, or brakes little, or cuts in far ahead; by how much,
-how near and how fast is drawn. EACH (40) drives a kind are simulated, mined, made a space, verified and cover it; as
-many others are held out: drawn alike, drawn with harder braking, and few. For each the reliability diagram is printed
-with the verdict that `resim space cover` tells, and the verdict that it should tell.
+how near and how fast is drawn. EACH (40) drives a kind are simulated, mined and verified; as many others are held out:
+drawn alike, drawn with harder braking, and few. The space is made of both, since accidents that are in no space forbid
+a release; predictions are made without what is held out. For each sort the reliability diagram is printed with the
+verdict that `resim space cover` tells and the one that it should tell, and the verdicts of `resim space release`.
 """
 
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -28,11 +30,22 @@ FUNCTION = BUILD.with_name("constant_velocity-1.0.toml")
 EACH, FEW = 40, 6
 V, DURATION = 24.0, 8.0
 """m/s of the EGO, s of a drive."""
-BRAKING = {"brakes": (0.0, 5.0), "brakes little": (0.0, 1.6), "far": (0.0, 0.0)}
+BRAKING = {"brakes": (0.0, 5.0), "brakes little": (0.0, 2.4), "far": (0.0, 0.0)}
 """m/s², drawn evenly between; who brakes little does so with somebody beside the EGO, and is of another kind so."""
 HARDER = {"brakes": (4.0, 8.0), "brakes little": (1.0, 4.0), "far": (0.0, 0.0)}
 GAP = {"brakes": (6.0, 12.0), "brakes little": (14.0, 20.0), "far": (55.0, 70.0)}
 """m between centres as the drive begins."""
+LAX = """name = "lax"
+confidence = 0.95
+least_seen = 0.8
+least_seen_source = "none"
+least_members = 30
+least_members_source = "none"
+[[limit]]
+per = "hour"
+accidents = 400.0
+source = "none"
+"""
 MINING = "[extraction]\nafter = 4.0\n"
 """The scenario of a lane change ends 4 s after it, so that what it leads to is in it."""
 
@@ -104,18 +117,39 @@ def covered(space: Path, members: Path, held: Path, asked: str) -> None:
           f"**{found['verdict']}**, should be {asked}\n", flush=True)  # fmt: skip
 
 
+def released(space: Path, out: Path) -> None:
+    """Print the verdict by the limits that ship, and by LAX, which nobody should ask for."""
+    lax = out / "lax.toml"
+    lax.write_text(LAX, encoding="utf-8")
+    print("| limits | verdict | accidents an hour: known risk | at most in all |\n|---|---|---|---|")
+    for limits in (CRITERIA / "release.toml", lax):
+        folder = out / f"{space.name}_{limits.stem}"
+        told = [sys.executable, "-m", "resim", "space", "release", space, "--limits", limits, "--out", folder]
+        subprocess.run([str(one) for one in told], capture_output=True, check=False)
+        found = json.loads((folder / "release.json").read_text(encoding="utf-8"))
+        hour = found["budgets"][0]
+        known = (
+            "none"
+            if hour["known"]["value"] is None
+            else "{value:.3g} ({low:.3g} to {high:.3g})".format(**hour["known"])
+        )
+        print(f"| {limits.stem} | {found['verdict']} | {known} | {hour['high']:.3g} |", flush=True)
+
+
 def story(each: int, out: Path) -> None:
     """Members, three sorts of held-out drives, and what is said of each."""
-    driven(drawn(BRAKING, each, 1), out / "drives", "member")
-    members = mined(out / "drives", out / "mined")
-    resim("space", "build", members, "--out", out / "space")
-    members = verified(members / "recordings", out / "verified")
+    members = mined(driven(drawn(BRAKING, each, 1), out / "drives", "member"), out / "mined")
+    by = verified(members / "recordings", out / "verified")
     for name, braking, count, asked in (
         ("alike", BRAKING, each, "calibrated"), ("harder", HARDER, each, "too low"), ("few", BRAKING, FEW, "not shown")
     ):  # fmt: skip
         held = driven(drawn(braking, count, 2 + (name == "few")), out / name, name)
         cut = mined(held, out / f"mined_{name}")
-        covered(out / "space", members, verified(cut / "recordings", out / f"verified_{name}"), asked)
+        against = verified(cut / "recordings", out / f"verified_{name}")
+        space = out / f"space_{name}"
+        resim("space", "build", members, cut, "--out", space)
+        covered(space, by, against, asked)
+        released(space, out)
 
 
 def main() -> None:
