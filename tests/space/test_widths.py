@@ -18,7 +18,7 @@ from resim.space.comparison import compare_spaces, together
 from resim.space.described import report
 from resim.space.limits import ReleaseLimits
 from resim.space.members import MEMBER_COLUMNS
-from resim.space.release import decide
+from resim.space.release import ReleaseCheck, decide
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.statistics.rates import IntervalEstimate
 
@@ -28,9 +28,9 @@ HELD = st.lists(
 )
 
 
-def intervals(told: Any, where: str = "") -> Iterator[tuple[str, IntervalEstimate]]:
+def intervals(told: Any, where: str = "") -> Iterator[tuple[str, IntervalEstimate | ReleaseCheck]]:
     """All intervals of a report, with their places."""
-    if isinstance(told, IntervalEstimate):
+    if isinstance(told, IntervalEstimate | ReleaseCheck):
         yield where, told
     elif is_dataclass(told):
         for one in fields(told):
