@@ -108,11 +108,13 @@ def covered(space: Path, members: Path, held: Path, asked: str) -> None:
     """Print the reliability diagram by a folder of held-out drives."""
     resim("space", "cover", space, "--sweep", members, "--held-out", held)
     found = json.loads((space / "cover.json").read_text(encoding="utf-8"))["calibration"]
-    print("\n| predicted | drives | mean | collided, or not known | verdict |\n|---|---|---|---|---|")
+    print(
+        "\n| predicted | drives | recordings | mean | collided, or not known | verdict |\n|---|---|---|---|---|---|"
+    )
     for one in found["bins"]:
         hit = one["collided"]
-        print(f"| {one['low']:g} to {one['high']:g} | {one['drives']} | {one['predicted']:.4f} |"
-              f" {hit['value']:.3f} ({hit['low']:.3f} to {hit['high']:.3f}) | {one['verdict']} |")  # fmt: skip
+        print(f"| {one['low']:g} to {one['high']:g} | {one['drives']} | {one['recordings']} |"
+              f" {one['predicted']:.4f} | {hit['value']:.3f} ({hit['low']:.3f} to {hit['high']:.3f}) | {one['verdict']} |")  # fmt: skip
     print(f"\n{found['drives']} held-out drives, {found['unknown']} without prediction or outcome: "
           f"**{found['verdict']}**, should be {asked}\n", flush=True)  # fmt: skip
 

@@ -172,7 +172,7 @@ def calibrated(
     of = ["" if run.changed or run.trust != INSIDE else cluster.get(run.recording, "") for run in held]
     predicted = np.array([by_name.get(name, np.nan) for name in of], dtype=float)
     collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
-    return reliability(predicted, collided)
+    return reliability(predicted, collided, [run.recording for run in held])
 
 
 def cover_notes(members: pd.DataFrame, drives: Sequence[TestDrive]) -> list[str]:

@@ -107,10 +107,13 @@ def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
 def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
     members = judged_members(space, [replace(RUN, name=str(k)) for k in range(50)], [DRIVE], known(), 0.7)
     risks, cluster = cluster_risks(space, members, "f-1"), clusters_of(space, known())
-    held = [replace(RUN, name=f"h{k}") for k in range(200)]
+    cluster |= {f"r{k}": cluster["run"] for k in range(40)}
+    held = [replace(RUN, name=f"h{k}", recording=f"r{k % 40}") for k in range(200)]
     assert calibrated(risks, held, cluster).verdict == "calibrated"
     assert calibrated(risks, [replace(one, collided=True) for one in held], cluster).verdict == "too low"
     assert calibrated(risks, held[:5], cluster).verdict == "not shown"
+    few = calibrated(risks, [replace(one, recording=f"r{k % 19}") for k, one in enumerate(held)], cluster)
+    assert (few.verdict, few.bins[0].drives, few.bins[0].recordings) == ("not shown", 200, 19)
     strange = calibrated(risks, [replace(one, recording="elsewhere") for one in held], {})
     assert (strange.unknown, strange.verdict) == (200, "not shown")  # nobody says what was predicted of them
     swept = calibrated(

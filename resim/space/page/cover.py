@@ -127,8 +127,8 @@ def calibration(found: ReliabilityReport | None) -> Markup:
     figure.update_xaxes(title_text="predicted risk")
     figure.update_yaxes(title_text="share that collided, or not known")
     rows = [
-        [f"{one.low:g} to {one.high:g}", str(one.drives), number(one.predicted), percent(one.collided),
-         one.verdict]
+        [f"{one.low:g} to {one.high:g}", str(one.drives), str(one.recordings), number(one.predicted),
+         percent(one.collided), one.verdict]
         for one in found.bins
     ]  # fmt: skip
     told = html(
@@ -136,5 +136,12 @@ def calibration(found: ReliabilityReport | None) -> Markup:
         counted(found.drives, "held-out drive"), found.verdict, found.unknown,
     )  # fmt: skip
     drawn = to_html(style(figure, 320.0), "reliability")
-    heads = ["predicted", "drives", "mean", "collided, or not known (95 % of all bins)", ""]
+    heads = [
+        "predicted",
+        "drives",
+        "of recordings, all known",
+        "mean",
+        "collided, or not known (95 % of all bins)",
+        "",
+    ]
     return join([told, drawn, table(heads, rows)])
