@@ -112,9 +112,9 @@ def covered(space: Path, members: Path, held: Path, asked: str) -> None:
         "\n| predicted | drives | recordings | mean | collided, or not known | verdict |\n|---|---|---|---|---|---|"
     )
     for one in found["bins"]:
-        hit = one["collided"]
+        hit = "{value:.3f} ({low:.3f} to {high:.3f})".format(**one["collided"])
         print(f"| {one['low']:g} to {one['high']:g} | {one['drives']} | {one['recordings']} |"
-              f" {one['predicted']:.4f} | {hit['value']:.3f} ({hit['low']:.3f} to {hit['high']:.3f}) | {one['verdict']} |")  # fmt: skip
+              f" {one['predicted']:.4f} | {hit} | {one['verdict']} |")  # fmt: skip
     print(f"\n{found['drives']} held-out drives, {found['unknown']} without prediction or outcome: "
           f"**{found['verdict']}**, should be {asked}\n", flush=True)  # fmt: skip
 
