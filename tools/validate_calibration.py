@@ -46,8 +46,8 @@ per = "hour"
 accidents = 400.0
 source = "none"
 """
-MINING = "[extraction]\nafter = 4.0\n"
-"""The scenario of a lane change ends 4 s after it, so that what it leads to is in it."""
+MINING = "[extraction]\nafter = 10.0\n"
+"""The scenario of a lane change lasts to the end of the drive, so that what it leads to is in it."""
 
 
 def cut_in(gap: float, v: float, braking: float, beside: bool) -> Traffic:
