@@ -269,8 +269,8 @@ def _calibration(
     """Whether predicted risk is to be believed, by predictions that know nothing of the drives that are held out."""
     held = {run.recording for run in spared}
     risks = predicted_risks(space, members, build, [known.scenario.get(key, "") for key in held])
-    within = _whole(space)
-    clusters = {key: name for key, name in clusters_of(space, known).items() if key not in within}
+    whole = _whole(space)
+    clusters = {key: name for key, name in clusters_of(space, known).items() if key not in whole}
     return calibrated(risks, spared, clusters)
 
 
@@ -280,7 +280,9 @@ def _whole(space: Space) -> set[str]:
 
 
 def _mined_whole(space: Space, spared: Sequence[SimulatedRun]) -> Iterator[str]:
-    count = sum(run.recording in _whole(space) for run in spared)
+    """A note where nothing is predicted of drives that are held out, since the space was mined of them."""
+    whole = _whole(space)
+    count = sum(run.recording in whole for run in spared)
     if count:
         yield (
             f"{count} held-out drives are of recordings that the space was mined of, and nothing is predicted of them: "
