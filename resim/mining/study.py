@@ -241,7 +241,7 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     content, key = content_hash(folder), options.key()
     part = out / "parts" / name
     if (before := _kept(part, out, content, key)) is not None:
-        return before
+        return replace(before, folder=seen_from(out, folder))  # of the same content, wherever it lies now
     forget_scenarios(out, name)
     shutil.rmtree(part, ignore_errors=True)
     recording = load_checked(folder, accept=options.accept)

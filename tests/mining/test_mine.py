@@ -196,6 +196,23 @@ def test_a_study_is_resumed_and_a_changed_recording_mined_anew(tmp_path: Path, d
         mine([drive], out, replace(options, resume=True))
 
 
+@pytest.mark.parametrize("fit", [False, True])
+def test_a_resumed_study_names_a_recording_where_it_lies_now(tmp_path: Path, drive: Path, fit: bool) -> None:
+    out, options = tmp_path / "out", MineOptions(fit=fit, resume=True)
+    mine([drive], out, options)
+    when = (out / "parts" / "drive" / "maneuvers.parquet").stat().st_mtime_ns
+    (tmp_path / "archive").mkdir()
+    moved = tmp_path / "archive" / "drive"
+    shutil.move(drive, moved)
+    shutil.copy(tmp_path / "motorway.xodr", tmp_path / "archive")
+    found = mine([moved], out, options)
+    assert (
+        out / "parts" / "drive" / "maneuvers.parquet"
+    ).stat().st_mtime_ns == when  # it was not mined again
+    assert (out / found.report.parts[0].folder).resolve() == moved
+    assert read_mined(out).report.parts[0].folder == "../archive/drive"
+
+
 def test_what_was_taken_away_or_changed_of_an_earlier_study_is_made_again(
     tmp_path: Path, drive: Path
 ) -> None:
