@@ -28,7 +28,7 @@ from starlette.types import ASGIApp
 
 from resim import __version__
 from resim.core.errors import InputError, ResimError
-from resim.supervisor import actions, views, words
+from resim.supervisor import actions, words
 from resim.supervisor.documents import find_document
 from resim.supervisor.events import stream
 from resim.supervisor.forms import FormError
@@ -37,6 +37,8 @@ from resim.supervisor.limits import StreamLimit
 from resim.supervisor.live import roads_around
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.runner import LOG
+from resim.supervisor.views import PAGES
+from resim.supervisor.views.common import MissingError, folder_of, task_of
 
 LATER = 5
 """By how much pages come after tasks where there are not enough cores for both."""
@@ -95,7 +97,7 @@ def make_app(supervisor: Supervisor) -> ASGIApp:
         Route("/live/{name}/roads", _roads(supervisor), methods=["GET"]),
         Route("/open/{kind}/{name}/{path:path}", _sealed(supervisor), methods=["GET"]),
         Route("/pages/{seal}/{kind}/{name}/{path:path}", _document(supervisor), methods=["GET"]),
-        *(Route(path, _page(supervisor, page), methods=["GET"]) for path, page in views.PAGES.items()),
+        *(Route(path, _page(supervisor, page), methods=["GET"]) for path, page in PAGES.items()),
         *(Route(path, _action(supervisor, act), methods=["POST"]) for path, act in actions.ACTIONS.items()),
     ]
     app = Starlette(
@@ -112,7 +114,7 @@ def _refused(request: Request, e: HTTPException) -> Response:
 def _failed(request: Request, e: ResimError) -> Response:
     if isinstance(e, FormError):
         return refusal(422, str(e))
-    return refusal(404 if isinstance(e, views.MissingError) else 500, str(e))
+    return refusal(404 if isinstance(e, MissingError) else 500, str(e))
 
 
 def _broken(request: Request, e: Exception) -> Response:
@@ -168,7 +170,7 @@ def _static(request: Request) -> Response:
 
 def _roads(supervisor: Supervisor) -> Callable[[Request], Response]:
     def found(request: Request) -> Response:
-        task = views.task_of(supervisor, request.path_params["name"])
+        task = task_of(supervisor, request.path_params["name"])
         return JSONResponse(roads_around(Path(task.folder)))
 
     return found
@@ -179,7 +181,7 @@ def _sealed(supervisor: Supervisor) -> Callable[[Request], Response]:
 
     def found(request: Request) -> Response:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
-        find_document(views.folder_of(supervisor, kind, name), path)
+        find_document(folder_of(supervisor, kind, name), path)
         seal = supervisor.access.page_seal(f"{kind}/{name}", request.state.visitor)
         return RedirectResponse(str(request.url.replace(path=f"/pages/{seal}/{kind}/{name}/{path}")), 303)
 
@@ -191,7 +193,7 @@ def _document(supervisor: Supervisor) -> Callable[[Request], Response]:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
         if not supervisor.access.is_page_seal(f"{kind}/{name}", request.path_params["seal"]):
             return refusal(403, "This address is no longer good. Open the page from its result again.")
-        document = find_document(views.folder_of(supervisor, kind, name), path)
+        document = find_document(folder_of(supervisor, kind, name), path)
         headers = {
             "content-security-policy": DOCUMENT_POLICY, "cross-origin-resource-policy": "cross-origin",
             "cross-origin-opener-policy": "unsafe-none",
@@ -209,7 +211,7 @@ def _missing(page: Callable[[Request], Response]) -> Callable[[Request], Respons
         try:
             return page(request)
         except InputError as e:
-            raise views.MissingError(str(e)) from e
+            raise MissingError(str(e)) from e
 
     return found
 
@@ -218,10 +220,10 @@ def _events(supervisor: Supervisor) -> Callable[[Request], Any]:
     async def opened(request: Request) -> Response:
         query, log, live = request.query_params, None, None
         if "task" in query:
-            task = await run_in_threadpool(views.task_of, supervisor, query["task"].replace("\0", ""))
+            task = await run_in_threadpool(task_of, supervisor, query["task"].replace("\0", ""))
             log = Path(task.folder) / LOG
         if "live" in query:
-            task = await run_in_threadpool(views.task_of, supervisor, query["live"].replace("\0", ""))
+            task = await run_in_threadpool(task_of, supervisor, query["live"].replace("\0", ""))
             live = Path(task.folder)
         told = request.headers.get("last-event-id", query.get("from", "0"))
         start = int(told) if told.isascii() and told.isdigit() and len(told) < 16 else 0
