@@ -217,6 +217,27 @@ _READERS: Mapping[InputKind, Callable[[Path], _Contents]] = {
 }  # fmt: skip
 
 
+def files_of_input(path: Path, kind: InputKind) -> dict[Path, Path]:
+    """Give the files of what jobs are given, each by where it lies, or would be found, with where to read it.
+
+    Code and data of builds and criteria are theirs, beside them, as they were read; what a recording or a suite names
+    is something of its own. Raises InputError where they cannot be read.
+    """
+    from resim.core.plugins.frozen import load_frozen
+    from resim.metrics.criteria import freeze_criteria
+    from resim.simulation.function.interface import freeze_build
+
+    files = [path / name for name in _of_recording(path, None)] if kind == "recording" else [path]
+    if linked := [file for file in files if file.is_symlink()]:
+        raise InputError(linked[0], "is a link, which is not followed", "Put the file itself there.")
+    if kind not in ("build", "criteria"):
+        return {file: file for file in files if file.is_file()}
+    again = freeze_build if kind == "build" else freeze_criteria
+    copy = load_frozen(again(path), again)
+    beside = {Path(os.path.normpath(path.parent / name)): copy.folder / name for name in sorted(copy.names)}
+    return {path: path, **beside}
+
+
 def refuse_nothing(path: Path) -> InputError:
     """Give the error of a path at which there is nothing for the lake."""
     what = "holds nothing that the lake knows" if path.exists() else "is not there"

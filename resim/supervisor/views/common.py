@@ -64,7 +64,7 @@ def first_of(request: Request) -> int:
 
 def text_of(request: Request, name: str, most: int = 200) -> str:
     """Give a text that stands in an address, "" where none does."""
-    return request.query_params.get(name, "")[:most].replace("\0", "")
+    return request.query_params.get(name, "")[:most]
 
 
 def task_of(supervisor: Supervisor, name: str) -> QueuedTask:

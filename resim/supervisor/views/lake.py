@@ -60,4 +60,5 @@ def thing(supervisor: Supervisor, request: Request) -> Told:
     return "thing.html", {
         "one": found[0], "state": found[0].state(), "links": links_in(supervisor, found[0]), "count": linked.count,
         "followers": [(item, link_to(item)) for item in linked.followers], "command": linked.command,
+        "origin": linked.origin,
     }  # fmt: skip

@@ -17,6 +17,7 @@ from resim.results.queue import QueuedTask
 from resim.results.reading import VERDICTS
 from resim.results.scanning import is_utf8
 from resim.supervisor import documents
+from resim.supervisor.coverage import coverage_of
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.views.common import (
     EACH,
@@ -25,6 +26,7 @@ from resim.supervisor.views.common import (
     Told,
     entry_of,
     first_of,
+    link_to,
     links_in,
     paging_of,
     text_of,
@@ -49,11 +51,16 @@ def result(supervisor: Supervisor, request: Request) -> Told:
     state = entry.state()
     there = state in ("there", "changed")
     pages = documents.pages(entry.folder) if there else []
+    linked = links_of(supervisor.catalog, entry)
+    held = supervisor.catalog.of_folder(entry.folder) if state == "changed" else []
     return "result.html", {
         "one": entry, "state": state, "pages": [p for p in pages if "/" not in p],
         "below": [p for p in pages if "/" in p], "data": _data(entry.folder) if there else [],
         "links": links_in(supervisor, entry), "outcomes": entry.outcomes[:MOST_OUTCOMES],
-        "maker": _maker(supervisor, entry), "command": links_of(supervisor.catalog, entry).command,
+        "maker": _maker(supervisor, entry), "command": linked.command, "origin": linked.origin,
+        "followers": [(item, link_to(item)) for item in linked.followers], "count": linked.count,
+        "holds": next((e for e in held if e.id != entry.id and e.state() == "there"), None),
+        "coverage": coverage_of(entry) if entry.kind == "space" and there else None,
     }  # fmt: skip
 
 

@@ -6,9 +6,11 @@ from starlette.requests import Request
 
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.views.common import (
-    MOST_OUTCOMES,
+    EACH,
     MissingError,
     Told,
+    first_of,
+    paging,
 )
 
 
@@ -16,4 +18,9 @@ def trail(supervisor: Supervisor, request: Request) -> Told:
     """What was done by whom. Raises MissingError for who may not see it."""
     if request.state.visitor.role != "administer":
         raise MissingError("There is no such page for you.")
-    return "trail.html", {"lines": supervisor.audit.last(MOST_OUTCOMES)}
+    first = first_of(request)
+    lines = supervisor.audit.last(EACH + 1, first)
+    more = len(lines) > EACH
+    shown = lines[:EACH]
+    pages = paging(request, first, len(shown), first + len(shown), more)
+    return "trail.html", {"lines": shown, "paging": pages}
