@@ -105,3 +105,14 @@ def test_an_assessment_leads_to_its_run_and_back(lake: Path, made: Path, call: C
     assert links.entry.id in {item.id for item in run.followers}
     assert run.origin.settings["seed"] == "0"
     assert run.origin.versions["resim"]
+
+
+def test_a_space_enters_itself_with_its_clusters_when_it_is_built_and_built_again(
+    lake: Path, made: Path, call: Call
+) -> None:
+    for _ in range(2):
+        assert call("space", "build", made / "mining", "--out", lake / "space")[0] == 0
+        spaces, clusters = (lake_find(kinds=(kind,)) for kind in ("space", "cluster"))
+        assert [*spaces["folder"]] == [str(lake / "space")]
+        assert len(clusters) > 0
+        assert {*clusters["folder"]} == {str(lake / "space")}

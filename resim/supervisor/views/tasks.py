@@ -10,6 +10,7 @@ from starlette.requests import Request
 from resim.results.queue import ENDED
 from resim.supervisor import documents
 from resim.supervisor.events import read_log
+from resim.supervisor.growth import task_progress
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.runner import LOG
 from resim.supervisor.views.common import (
@@ -46,6 +47,8 @@ def task(supervisor: Supervisor, request: Request) -> Told:
     return "task.html", {
         "one": one, "log": log, "end": end, "command": f"resim {shlex.join(one.call)}", "entry": entry,
         "pages": documents.pages(folder) if one.state in ENDED and entry is None else [],
+        "progress": task_progress(folder) if one.state not in ("done", "bad") else None,
+        "so_far": supervisor.sweeps.look(made) if made is not None and entry is None else None,
     }  # fmt: skip
 
 
