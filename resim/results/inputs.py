@@ -188,8 +188,7 @@ def _criteria(path: Path) -> _Contents:
 def _model(path: Path) -> _Contents:
     from resim.perception.model import read_model
 
-    model = read_model(path)
-    return _Contents(model.name, model.hash)
+    return _Contents(read_model(path).name, file_hash(path))  # by its file, as results name it
 
 
 def _study(path: Path) -> _Contents:

@@ -77,7 +77,8 @@ def test_what_is_not_at_hand_is_named_with_the_reason(lake: Path, tmp_path: Path
     home = lake.parents[1]
     model = home / "adfunc" / "perception" / "proving_ground.json"
     model.write_text(model.read_text() + "\n")
-    (home / "networks" / "proving_ground.xodr").unlink()
+    catalog = Catalog(str(tmp_path / "catalog.sqlite"))
+    catalog.forget(*catalog.of_folder(home / "networks" / "proving_ground.xodr"))
     criteria = home / "scenarios" / "criteria" / "highway.toml"
     criteria.rename(home / "kept.toml")
     criteria.symlink_to(home / "kept.toml")

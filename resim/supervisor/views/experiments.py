@@ -51,5 +51,6 @@ def experiment(supervisor: Supervisor, request: Request) -> Told:
     results = find_page(supervisor.catalog, told, most=EACH) if one.digest else LakePage((), 0, False)
     return "experiment.html", {
         "one": one, "tables": found.tables, "rows": found.steps, "verified": found.verified, "steps": STEPS,
+        "above": [("drives", one.id), *(("drives", f"result-{r.id}") for r in results.items if r.kind == "run")][:6],
         "results": results.items, "count": results.count, "jobs": jobs,
     }  # fmt: skip

@@ -9,6 +9,7 @@ from starlette.requests import Request
 from resim.core.errors import InputError
 from resim.jobs.lake import links_of
 from resim.results.entry import KINDS, CatalogEntry
+from resim.results.kpis import kpi_moments
 from resim.results.lake import (
     LakeQuery,
     find_page,
@@ -60,6 +61,8 @@ def result(supervisor: Supervisor, request: Request) -> Told:
         "maker": _maker(supervisor, entry), "command": linked.command, "origin": linked.origin,
         "followers": [(item, link_to(item)) for item in linked.followers], "count": linked.count,
         "holds": next((e for e in held if e.id != entry.id and e.state() == "there"), None),
+        "moments": kpi_moments(entry.folder) if there and entry.kind in ("run", "assessment") else [],
+        "player": next((page for page in ("report.html", "assessment.html") if page in pages), ""),
         "coverage": coverage_of(entry) if entry.kind == "space" and there else None,
     }  # fmt: skip
 
