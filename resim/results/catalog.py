@@ -161,10 +161,13 @@ class Catalog:
 
     @contextmanager
     def changing(self) -> Iterator[Connection]:
-        """A transaction that changes the index, for modules of this package; who watches is told."""
+        """A transaction that changes the index, for modules of this package; who watches is told.
+
+        It begins with the row that all of them change, so that they wait for each other, and none for itself.
+        """
         with self.connected() as connection, connection.begin():
-            yield connection
             connection.execute(update(CHANGE).values(number=CHANGE.c.number + 1))
+            yield connection
 
     def version(self) -> int:
         """Give what is another one after every change of the index."""
