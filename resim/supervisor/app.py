@@ -63,7 +63,7 @@ def _templates() -> Environment:
         loader=PackageLoader("resim.supervisor"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    env.filters.update(moment=words.moment, size=words.size, tone=words.tone)
+    env.filters.update(moment=words.moment, size=words.size, tone=words.tone, coded=words.coded)
     env.globals.update(span=words.span, version=__version__)
     return env
 
@@ -183,8 +183,8 @@ def _crate(supervisor: Supervisor) -> Callable[[Request], Response]:
             raise MissingError("There is no such thing.")
         ending = ExitStack()
         try:
-            file = ending.enter_context(packed_chain(supervisor.catalog, found[0]))
-        except InputError as e:
+            file = ending.enter_context(packed_chain(found[0]))
+        except ResimError as e:
             return refusal(409, str(e))
         name = f"{found[0].kind}-{found[0].id}.crate.zip"
         return FileResponse(

@@ -11,7 +11,7 @@ from conftest import ROOT
 from resim.core.errors import InputError
 from resim.jobs.play import played_drive
 from resim.report.player.colors import layer_colors
-from resim.report.player.drive import PlayedDrive, TimelineMark
+from resim.report.player.drive import Danger, PlayedDrive, TimelineMark
 from resim.report.player.page import page
 from resim.report.player.together import together
 from resim.road.opendrive import load
@@ -33,7 +33,11 @@ def test_sources_of_all_drives_are_layers_with_colours_of_their_own(
         ids = ["another" if name == one.ego else name for name in layer.tracks.ids.tolist()]
         layers.append(replace(layer, tracks=replace(layer.tracks, ids=np.array(ids, object))))
     other = replace(other, ego="another", marks=(mark,), layers=tuple(layers))
-    found = together([one, other, one])
+    zero = np.zeros(1)
+    danger = Danger(zero, zero, ("",), zero, ("",), zero > 1.0)
+    judged = replace(one, layers=tuple(replace(layer, danger=danger) for layer in one.layers))
+    found = together([one, other, judged])
+    assert found.layers[0].danger is judged.layers[0].danger  # only the third was judged
     assert [layer.name for layer in found.layers] == [
         "GT",
         "SD",

@@ -346,3 +346,10 @@ def test_a_recording_with_its_map_is_downloaded_as_a_crate_by_those_who_may_run(
     user.get("/", params={"token": supervisor.access.tokens["look"]})
     assert user.get(f"/crate/{drive.id}").status_code == 403
     assert "/crate/" not in user.get(f"/experiments/{drive.id}").text
+
+
+def test_code_in_help_is_shown_as_code_and_markup_never_is() -> None:
+    from resim.supervisor.words import coded
+
+    assert coded("what `resim <b>` wrote") == "what <code>resim &lt;b&gt;</code> wrote"
+    assert coded("one ` <b>") == "one ` &lt;b&gt;"

@@ -10,7 +10,7 @@ import numpy as np
 from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.core.tracks import Tracks
-from resim.report.player.drive import Layer, PlayedDrive
+from resim.report.player.drive import Layer, PlayedDrive, TimelineMark
 
 
 def together(drives: Sequence[PlayedDrive]) -> PlayedDrive:
@@ -21,22 +21,35 @@ def together(drives: Sequence[PlayedDrive]) -> PlayedDrive:
     first = drives[0]
     road = file_hash(first.network.path)
     layers: list[Layer] = []
-    marks, notes = list(first.marks), list(first.notes)
+    marks: list[TimelineMark] = []
+    notes: list[str] = []
     for number, drive in enumerate(drives, start=1):
         if file_hash(drive.network.path) != road:
             remedy = "Give drives on one map, or leave out --together."
             raise InputError(drive.name, f"is on another map than {first.name}", remedy)
-        own = [_layer(layer, drive, first.ego, number) for layer in drive.layers]
-        layers += [new for new in own if not any(_is_same(new.tracks, old.tracks) for old in layers)]
-        if number > 1:
-            kept = {layer.name for layer in layers}
-            named = (
-                replace(m, source=_name(m.source, number), text=f"{number}: {m.text}") for m in drive.marks
-            )
-            marks += [mark for mark in named if mark.source in kept]
-            notes += [f"{number}: {note}" for note in drive.notes]
-    return PlayedDrive(" and ".join(_names(drives)), first.ego, first.network, tuple(layers),
-                       tuple(sorted(marks, key=lambda mark: mark.start)), tuple(dict.fromkeys(notes)))  # fmt: skip
+        shown = {"": ""}
+        for layer in drive.layers:
+            new = _layer(layer, drive, first.ego, number)
+            k = next((k for k, old in enumerate(layers) if _is_same(new.tracks, old.tracks)), len(layers))
+            layers[k:] = [new] if k == len(layers) else [_with_curves(layers[k], new), *layers[k + 1 :]]
+            shown[layer.name] = layers[k].name
+        of = f"{number}: " if number > 1 else ""
+        marks += [replace(m, source=shown.get(m.source, m.source), text=of + m.text) for m in drive.marks]
+        notes += [of + note for note in drive.notes]
+    told = {
+        (m.kind, m.start, m.end, m.source, m.object, m.text.rpartition(": ")[2]): m for m in reversed(marks)
+    }
+    in_order = tuple(sorted(told.values(), key=lambda mark: mark.start))
+    name = " and ".join(_names(drives))
+    return PlayedDrive(name, first.ego, first.network, tuple(layers), in_order, tuple(dict.fromkeys(notes)))
+
+
+def _with_curves(known: Layer, other: Layer) -> Layer:
+    """A layer with what only the same one of another drive was judged to be."""
+    return replace(
+        known, danger=known.danger or other.danger, acceleration=known.acceleration or other.acceleration,
+        assessed=known.assessed or other.assessed, plans=known.plans or other.plans,
+    )  # fmt: skip
 
 
 def _names(drives: Sequence[PlayedDrive]) -> Iterator[str]:
@@ -44,10 +57,6 @@ def _names(drives: Sequence[PlayedDrive]) -> Iterator[str]:
     yield from names[:3]
     if len(names) > 3:
         yield f"{len(names) - 3} more"
-
-
-def _name(source: str, number: int) -> str:
-    return f"{source} {number}" if number > 1 else source
 
 
 def _layer(layer: Layer, drive: PlayedDrive, ego: str, number: int) -> Layer:
@@ -62,7 +71,7 @@ def _layer(layer: Layer, drive: PlayedDrive, ego: str, number: int) -> Layer:
         )
     return replace(
         layer,
-        name=_name(layer.name, number),
+        name=f"{layer.name} {number}",
         title=f"{drive.name}: {layer.title}",
         tracks=tracks,
         of=number - 1,

@@ -13,6 +13,7 @@ from resim.results.lake import (
     LakeItem,
     LakeQuery,
     find_page,
+    items_with,
 )
 from resim.results.scanning import roots_of
 from resim.supervisor.forms import FormField
@@ -38,14 +39,18 @@ def job(supervisor: Supervisor, request: Request) -> Told:
         raise MissingError("There is no such job.")
     given = request.query_params
     told = {field.name: given.getlist(field.name) for field in form.fields}
+    roots = roots_of(supervisor.catalog)
     fields = [
-        (field, _options(supervisor, field, told[field.name]), told[field.name]) for field in form.fields
+        (field, _options(supervisor, field, told[field.name], roots) if field.of else [], told[field.name])
+        for field in form.fields
     ]
     lacking = [field.of[0] for field, options, _ in fields if field.required and field.of and not options]
     return "job.html", {"form": form, "fields": fields, "lacking": lacking, "most": MOST_OPTIONS}
 
 
-def _options(supervisor: Supervisor, field: FormField, given: Sequence[str]) -> list[tuple[str, str]]:
+def _options(
+    supervisor: Supervisor, field: FormField, given: Sequence[str], roots: Sequence[Path]
+) -> list[tuple[str, str]]:
     """The files that may be chosen: their ids, and how they are called. Of very many the first, and those given."""
     kinds = tuple(
         kind for kind in ITEM_KINDS if kind in field.of or (kind == "recording" and "drive" in field.of)
@@ -55,10 +60,12 @@ def _options(supervisor: Supervisor, field: FormField, given: Sequence[str]) -> 
     every += [
         i for name in given if (i := _chosen(supervisor, name, kinds)) is not None and i.id not in shown
     ]
-    roots = roots_of(supervisor.catalog)
     found = [(i.id, f"{i.name} – {_place(Path(i.folder).parent, roots)}") for i in every]
     if "result" in field.of:
-        newest = find_page(supervisor.catalog, LakeQuery(kinds=("run",)), most=EACH).items
+        newest = [*find_page(supervisor.catalog, LakeQuery(kinds=("run",)), most=EACH).items]
+        told = [name.removeprefix("result-")[:40] for name in given if name.startswith("result-")]
+        known = {e.id for e in newest}
+        newest += [e for e in items_with(supervisor.catalog, told) if e.kind == "run" and e.id not in known]
         found += [(f"result-{e.id}", f"run of {e.name}, {e.written[:16].replace('T', ' ')}") for e in newest]
     return found
 
