@@ -216,10 +216,17 @@ def backup(
 def restore(
     file: Annotated[Path, typer.Argument(help="What `resim lake backup` wrote.")],
 ) -> None:
-    """Put back what a backup holds and is not there; then `resim lake scan` makes the index again."""
-    from resim.jobs.lake import lake_restore
+    """Put back what a backup holds and is not there; then `resim lake scan` makes the index again.
 
-    _counted("put back", lake_restore(file))
+    Tasks that waited or ran wait again: the next `resim serve` does them.
+    """
+    from resim.jobs.lake import lake_restore
+    from resim.results.tables import TASK
+
+    counts = lake_restore(file)
+    _counted("put back", counts)
+    if counts[TASK.name]:
+        say("tasks among these that waited or ran begin with the next `resim serve`", err=True)
 
 
 def _counted(what: str, counts: dict[str, int]) -> None:
