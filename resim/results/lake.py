@@ -309,7 +309,8 @@ def _by(
     of: ColumnElement[str] = ITEM.c.id,
 ) -> _Condition:
     """Found by rows of another table: gathered by the index of what is looked for, tried by that of the key alone."""
-    tried = exists().where(key == of, where(_unindexed))
+    # with an offset PostgreSQL tries each, and does not join whole tables
+    tried = exists(select(key).where(key == of, where(_unindexed)).offset(0))
     return _Condition(select(key).where(where(_as_it_is)), tried, of)
 
 
