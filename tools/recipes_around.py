@@ -204,7 +204,10 @@ def _control_losses(stage: Stage) -> Iterator[RecipeText]:
     """Who skids is turned against its motion, to one side and the other, until it catches itself."""
     asked = ("HEADING_DISAGREES", "SPEED_DISAGREES")
     for name, row, text, lane, begin, changes in (
-        ("control_loss", "Without" if stage is HIGHWAY else "without", "A vehicle ahead loses control, skids and catches itself", stage.ego, 2.0, []),
+        (
+            "control_loss", "Without" if stage is HIGHWAY else "without",
+            "A vehicle ahead loses control, skids and catches itself", stage.ego, 2.0, [],
+        ),
         (
             "control_loss_after_maneuver", "with", "A vehicle changes lane ahead of the EGO, skids and catches itself",
             stage.left, 3.8, [change("right", 0.5, 3.0)],
