@@ -7,6 +7,7 @@ CHECKER := .venv-openscenario
 OMEGA := .venv-omega-prime
 PEER := .venv-exports
 FORMATS := .venv-formats
+MLFLOW := .venv-mlflow
 JOBS ?= 2
 export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE  # each of hundreds of processes would compile resim anew
@@ -17,9 +18,10 @@ demo: $(READY)
 	$(BIN)/resim run scenarios/cut_in_brake --build adfunc/builds/highway_pilot-1.0.toml --out out/cut_in_brake \
 	  --criteria scenarios/criteria/highway.toml || [ $$? -eq 1 ]  # 1: not passed, which this corner case is for
 
-test: $(READY) $(FORMATS)/ready
+test: $(READY) $(FORMATS)/ready $(MLFLOW)/ready
 	$(BIN)/pytest -n $(JOBS)
 	$(FORMATS)/bin/python -m pytest tests/recordings/test_argoverse.py tests/recordings/logs -n $(JOBS)
+	$(MLFLOW)/bin/python -m pytest tests/exports/test_mirror.py
 
 check: $(READY)
 	$(BIN)/ruff check .
@@ -131,5 +133,13 @@ $(FORMATS)/ready: $(READY)
 	$(FORMATS)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt asammdf pyarrow
 	touch $@
 
+# MLflow, beside the packages of .venv: what it needs, constraints.txt has in other versions.
+$(MLFLOW)/ready: $(READY)
+	$(PYTHON) -m venv $(MLFLOW)
+	$(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
+	  > "$$($(MLFLOW)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/beside.pth"
+	$(MLFLOW)/bin/python -m pip install --quiet --disable-pip-version-check "mlflow-skinny==3.17.2"
+	touch $@
+
 clean:
-	rm -rf .venv $(PLANNER) $(CHECKER) $(OMEGA) $(PEER) $(FORMATS) out
+	rm -rf .venv $(PLANNER) $(CHECKER) $(OMEGA) $(PEER) $(FORMATS) $(MLFLOW) out

@@ -1,9 +1,13 @@
-"""Does the Supervisor lose tasks, and does it keep up? python tools/validate_supervisor.py [--kills 50] [--users 50]
+"""Does the Supervisor lose tasks, and does it keep up?
+
+    python tools/validate_supervisor.py [--kills 50] [--users 50] [--requests 20000]
 
 Kills: two servers on one catalog do tasks, while every second a server, or the process of a task, is killed by SIGKILL
 and servers are started again; afterwards each task must have ended, each attempt must have been made once, and none
 may have been done after it ended. Load: users who ask for a page every second while a sweep runs as a task, over a
-catalog of 2,000 results; and how long the sweep takes with and without them.
+catalog of 2,000 results; and how long the sweep takes with and without them. Memory: as many requests as fast as they
+are answered, for pages, streams that are opened and closed, and crates, while tasks end and results come: a working
+day of eight users who ask every two minutes is 20,000 requests in a few minutes.
 """
 
 from __future__ import annotations
@@ -205,18 +209,65 @@ def load(folder: Path, users: int) -> None:
     )  # fmt: skip
 
 
+def memory(folder: Path, requests: int) -> None:
+    """Ask for pages, streams and crates without a pause, and say how the server's memory grows."""
+    catalog = Catalog(os.environ["RESIM_CATALOG"])
+    fill(catalog, 2000)
+    queue, tasks = TaskQueue(catalog), folder / "tasks"
+    server, address, token = start(tasks, 1)
+    process, grown, chance = psutil.Process(server.pid), [], random.Random(0)
+    with httpx2.Client(base_url=address, timeout=60.0) as client:
+        client.get("/", params={"token": token}).raise_for_status()
+        while not (found := re.findall(r'href="(/experiments/\w+)"', client.get("/experiments").text)):
+            time.sleep(1.0)
+        for k in range(requests):
+            _one_request(client, chance, found)
+            if k % (requests // 20) == 0:
+                put(queue, tasks, "check", "--", str(ROOT / "scenarios" / "cut_in_brake"))
+                fill(catalog, 20)
+            if k % (requests // 10) == requests // 10 - 1:
+                grown.append(process.memory_info().rss / 1e6)
+    threads, files = process.num_threads(), process.num_fds()
+    end(server)
+    print("\n| requests | server [MB] after each tenth | threads | open files |")
+    print("|---|---|---|---|")
+    print(f"| {requests} | {', '.join(f'{one:.0f}' for one in grown)} | {threads} | {files} |", flush=True)
+
+
+def _one_request(client: httpx2.Client, chance: random.Random, drives: list[str]) -> None:
+    """A page, now and then a stream that is left, or a crate; refused ones (too many) are asked again later."""
+    which = chance.random()
+    if which < 0.05:
+        with client.stream("GET", "/events") as stream:
+            next(stream.iter_bytes(), b"")
+        return
+    path = chance.choice(drives)
+    path = (
+        path.replace("experiments", "crate")
+        if which < 0.06
+        else path
+        if which < 0.2
+        else chance.choice(PAGES)
+    )
+    while (answer := client.get(path)).status_code == 429:
+        time.sleep(1.0)
+    answer.raise_for_status()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--users", type=int, default=50)
+    parser.add_argument("--requests", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         for part, job in (
             ("kills", lambda f: kills(f, given.kills, given.seed)),
-            ("load", lambda f: load(f, given.users)),
+            ("users", lambda f: load(f, given.users)),
+            ("requests", lambda f: memory(f, given.requests)),
         ):
-            if getattr(given, "users" if part == "load" else "kills"):
+            if getattr(given, part):
                 os.environ["RESIM_CATALOG"] = str(Path(name) / part / "catalog.sqlite")
                 os.environ["XDG_DATA_HOME"] = str(Path(name) / part)
                 job(Path(name) / part)

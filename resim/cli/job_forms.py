@@ -18,6 +18,7 @@ from resim.cli.inputs import A_BUILD, A_CRITERIA, A_DRIVE, A_MODEL, A_RECORDING,
 from resim.cli.mine import mine
 from resim.cli.play import play
 from resim.cli.run import run
+from resim.cli.space import build, grow
 from resim.cli.sweep import sweep
 from resim.cli.vary import vary
 from resim.cli.verify import verify
@@ -43,6 +44,8 @@ OFFERED: Mapping[str, _Offered] = {
     "check": _Offered(("check",), check, result=""),
     "mine": _Offered(("mine",), mine),
     "vary": _Offered(("vary", "drive"), vary),
+    "space": _Offered(("space", "build"), build),
+    "space-grow": _Offered(("space", "grow"), grow),
     "play": _Offered(("play",), play, result="play.html"),
 }
 _FILES: Mapping[Any, tuple[str, ...]] = {
@@ -52,6 +55,9 @@ _FILES: Mapping[Any, tuple[str, ...]] = {
 """What may be given where a command looks at a path in this way."""
 _NAMED: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("mine", "recordings"): ("recording",),
+    ("space", "mined"): ("mining",),
+    ("space-grow", "space"): ("space",),
+    ("space-grow", "mined"): ("mining",),
     ("play", "drives"): ("drive", "recording", "result"),
     ("vary", "kernels"): ("kernels",),
 }

@@ -163,10 +163,43 @@ def show(
     add_to_json(
         id=entry.id, kind=entry.kind, name=entry.name, path=str(entry.folder), host=entry.host,
         state=entry.state(), digest=entry.digest, fault=entry.fault, command=links.command, facts=entry.facts,
+        settings=links.origin.settings, versions=links.origin.versions,
         origins=[{**asdict(i), "known": [item.id for item in items]} for i, items in links.origins],
         followers=[item.id for item in links.followers], count=links.count,
     )  # fmt: skip
     _print_links(links)
+
+
+@command(lake)
+def crate(
+    thing: Annotated[
+        str, typer.Argument(metavar="ID|PATH", help="Id, its first four or more digits, or the path.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the crate; an earlier export there is replaced.")],
+) -> None:
+    """Write something with all that it came from as one RO-Crate: files, seeds, versions, and how to run it again."""
+    from resim.jobs.chain import export_chain
+
+    found = export_chain(thing, out)
+    add_to_json(out=out, files=len(found.files), notes=found.notes)
+    for note in found.notes:
+        say(f"note: not in the crate: {note}")
+    say(f"{found.drive}: {found.format}: {len(found.files)} files: {out}")
+
+
+@command(lake)
+def mirror(
+    store: Annotated[
+        str, typer.Argument(help="Tracking store of MLflow, such as sqlite:///mlflow.db or http://HOST:5000.")
+    ],
+    experiment: Annotated[str, typer.Option(help="Its experiment; made where there is none.")] = "resim",
+) -> None:
+    """Mirror all results that are not there yet to MLflow: parameters, metrics, verdicts, hashes."""
+    from resim.jobs.mirror import mirror as job
+
+    counts = job(store, experiment=experiment, noted=lambda name: _noted("mirrored", name))
+    add_to_json(**asdict(counts))
+    say(f"{counts.new} mirrored, {counts.known} were there")
 
 
 @command(lake)
@@ -183,10 +216,17 @@ def backup(
 def restore(
     file: Annotated[Path, typer.Argument(help="What `resim lake backup` wrote.")],
 ) -> None:
-    """Put back what a backup holds and is not there; then `resim lake scan` makes the index again."""
-    from resim.jobs.lake import lake_restore
+    """Put back what a backup holds and is not there; then `resim lake scan` makes the index again.
 
-    _counted("put back", lake_restore(file))
+    Tasks that waited or ran wait again: the next `resim serve` does them.
+    """
+    from resim.jobs.lake import lake_restore
+    from resim.results.tables import TASK
+
+    counts = lake_restore(file)
+    _counted("put back", counts)
+    if counts[TASK.name]:
+        say("tasks among these that waited or ran begin with the next `resim serve`", err=True)
 
 
 def _counted(what: str, counts: dict[str, int]) -> None:
@@ -241,10 +281,12 @@ def _print_links(links: LakeLinks) -> None:
         "host": entry.host, "written": f"{entry.written[:19].replace('T', ' ')} UTC",
         "content": entry.digest or "not known", "fault": entry.fault, "verdict": entry.verdict,
         "again": links.command,
+        "made with": ", ".join(f"{name} {value}" for name, value in links.origin.settings.items()),
+        "versions": ", ".join(f"{name} {version}" for name, version in links.origin.versions.items()),
     }  # fmt: skip
     for name, text in told.items():
         if text:
-            out.print(f"{name:8} {visible(text)}", highlight=False, soft_wrap=True)
+            out.print(f"{name:9} {visible(text)}", highlight=False, soft_wrap=True)
     if entry.facts:
         facts = Table("fact", "which", "how much", title="known of it")
         for fact in entry.facts:

@@ -29,6 +29,10 @@ def play(
     assess: Annotated[
         bool, typer.Option("--assess", help="Assess recordings, for curves of risk and TTC; takes longer.")
     ] = False,
+    together: Annotated[
+        bool,
+        typer.Option("--together", help="Show all above each other, with their curves; they are on one map."),
+    ] = False,
     video: Annotated[
         Path | None,
         typer.Option(
@@ -49,7 +53,7 @@ def play(
     from resim.jobs.play import play as job
 
     target = out or Path("play.html")
-    played = job(drives, target, assess=assess, video=video)
+    played = job(drives, target, assess=assess, above=together, video=video)
     for drive in played:
         objects = {name for layer in drive.layers for name in layer.tracks.ids.tolist()} - {drive.ego}
         layers = ", ".join(layer.name for layer in drive.layers)

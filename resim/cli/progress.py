@@ -4,17 +4,23 @@ standard error.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
+from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, TextIO
 
 from resim.cli.terminal import output_settings, say, visible
+from resim.core.watched import progress_file
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
+NOTED = 0.5
+"""s between two notes for who watches, and how many of the last words are in them: LAST."""
+LAST = 30
 EVERY = 10.0
 """s between two lines where there is no terminal."""
 FEWEST = 3
@@ -41,6 +47,7 @@ class ProgressReporter:
         self.unit, self._total, self.done, self._first = unit, total, 0, 0
         self._begin, self._told = time.monotonic(), float("-inf")
         self._bar: Bar | None = None
+        self._file, self._noted, self._last = progress_file(), float("-inf"), list[str]()
 
     def __enter__(self) -> ProgressReporter:
         from rich.console import Console
@@ -63,6 +70,7 @@ class ProgressReporter:
     ) -> None:
         if self._bar is not None:
             self._bar.stop()
+        self._note("", whole=True)
 
     def expect(self, total: int) -> None:
         """Note how many there are."""
@@ -81,7 +89,23 @@ class ProgressReporter:
         self.done += by
         self._show(doing)
 
+    def _note(self, doing: str, *, whole: bool = False) -> None:
+        """Write how far it is for who watches, now and then."""
+        if self._file is None:
+            return
+        if doing and doing not in self._last[-1:]:
+            self._last = [*self._last, doing][-LAST:]
+        if not whole and time.monotonic() < self._noted + NOTED:
+            return
+        self._noted = time.monotonic()
+        told = {"unit": self.unit, "done": self.done, "total": self._total, "last": self._last}
+        beside = self._file.with_name(f".{self._file.name}.{os.getpid()}.new")
+        with suppress(OSError):  # who watches is of no importance
+            beside.write_text(json.dumps(told), encoding="utf-8")
+            beside.replace(self._file)
+
     def _show(self, doing: str) -> None:
+        self._note(doing)
         if self._bar is not None:
             rate = (self.done - self._first) / max(time.monotonic() - self._begin, 1e-3)
             self._bar.update(

@@ -54,10 +54,15 @@ def register(folder: Path) -> None:
 def _registered(folder: Path) -> None:
     """Put the results in a folder into the catalog, in a child process, which has loaded what it takes."""
     from resim.results.catalog import user_catalog
-    from resim.results.reading import read_entry
+    from resim.results.reading import clusters_of, read_entry
 
     if (catalog := user_catalog()) is not None:
-        catalog.add(read_entry(folder))
+        entry = read_entry(folder)
+        clusters = clusters_of(entry) if entry.kind == "space" else []
+        known = {one.id for one in clusters}
+        old = [e for e in catalog.of_folder(entry.folder) if e.kind == "cluster" and e.id not in known]
+        catalog.add(entry, *clusters)
+        catalog.forget(*old)
 
 
 @command(runs, "list")

@@ -65,6 +65,13 @@ def serve(
         ),
     ] = "",
     certificate: Certificate = None,
+    proxy: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="IP address of the proxy that does TLS: its X-Forwarded-For is believed, and nobody else's.",
+        ),
+    ] = "",
     demo: Annotated[
         bool, typer.Option("--demo", help="Show a lake of what ships, in a temporary folder, and fill it.")
     ] = False,
@@ -78,7 +85,7 @@ def serve(
     refuse_without_extra()
     with _demo_lake() if demo else nullcontext() as example:
         given = (*(folders or ()), *([] if example is None else [example]))
-        at = ServeAddress(host, port, allow_remote, certificate)
+        at = ServeAddress(host, port, allow_remote, certificate, proxy)
         _serve(given, at, tasks, jobs, no_open)
 
 
@@ -90,6 +97,7 @@ class ServeAddress:
     port: int
     remote: str
     certificate: Path | None
+    proxy: str
 
 
 def _serve(folders: tuple[Path, ...], at: ServeAddress, tasks: Path | None, jobs: int, no_open: bool) -> None:
@@ -101,7 +109,7 @@ def _serve(folders: tuple[Path, ...], at: ServeAddress, tasks: Path | None, jobs
 
     data = data_folder()
     options = ServeOptions(
-        folders, at.host, at.port, tasks or data / "tasks", jobs, at.remote, at.certificate
+        folders, at.host, at.port, tasks or data / "tasks", jobs, at.remote, at.certificate, at.proxy
     )
     if (catalog := user_catalog()) is None:
         raise InputError(VARIABLE, "switches the catalog off", "Unset it, or name a file or database.")

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from resim.cli.app import app, command
+from resim.cli.progress import ProgressReporter
+from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 from resim.core.spelling import counted
 
@@ -40,11 +44,13 @@ def build(
     Writes space.json, clusters.parquet, distances.parquet, scenarios.parquet, slots.parquet and space.html.
     """
     from resim.jobs import space as job
+    from resim.space.settings import DEFAULT_SETTINGS
 
-    if settings is None:
-        _tell(job.build(mined, out, workers=workers))
-    else:
-        _tell(job.build(mined, out, job.read_space_settings(settings), workers=workers))
+    how = DEFAULT_SETTINGS if settings is None else job.read_space_settings(settings)
+    with _progress() as done:
+        built = job.build(mined, out, how, workers=workers, done=done)
+    _tell(built)
+    register(built.folder)
 
 
 @command(space_app, "grow")
@@ -63,7 +69,8 @@ def grow(
     from resim.jobs import space as job
 
     before = job.read_result(space).report
-    grown = job.grow(space, mined, out, workers=workers)
+    with _progress() as done:
+        grown = job.grow(space, mined, out, workers=workers, done=done)
     known = before.clusters()
     new = [name for name in grown.report.clusters() if name not in known]
     say(
@@ -72,6 +79,16 @@ def grow(
     )
     add_to_json(new_clusters=new)
     _tell(grown)
+    register(grown.folder)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Counts scenarios, bucket by bucket."""
+    with ProgressReporter("scenarios") as progress:
+        yield lambda bucket, scenarios, clusters: progress.step(
+            f"{bucket}: {counted(clusters, 'cluster')}", by=scenarios
+        )
 
 
 def _tell(found: SpaceResult) -> None:

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 FILE = "ro-crate-metadata.json"
-_CRATE = "https://w3id.org/ro/crate/1.1"
-_PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
-_SHA256 = "https://w3id.org/ro/terms/workflow-run#sha256"
-_RUN, _TOOL, _LICENSE = "#run", "#resim", "#license"
+CRATE = "https://w3id.org/ro/crate/1.1"
+PROFILE = "https://w3id.org/ro/wfrun/process/0.5"
+SHA256 = "https://w3id.org/ro/terms/workflow-run#sha256"
+_RUN, _TOOL, LICENSE = "#run", "#resim", "#license"
 _HASH = re.compile("[0-9a-f]{32}|[0-9a-f]{64}")
 _OWN = ("checksum", "files", "cases", "versions")
 """Entries of a mark that are of no input."""
@@ -65,28 +65,9 @@ def crate(
     inputs = dict(_inputs({key: value for key, value in told.items() if key not in _OWN}, ""))
     held = [{"@id": quote(name)} for name in files]
     entities = [
-        {
-            "@id": FILE, "@type": "CreativeWork", "about": {"@id": "./"},
-            "conformsTo": {"@id": _CRATE},
-        },
-        {
-            "@id": "./", "@type": "Dataset", "name": f"{kind}: {title}", "description": f"{what}.",
-            "datePublished": date, "conformsTo": {"@id": _PROFILE}, "hasPart": held,
-            "mentions": {"@id": _RUN}, "license": {"@id": _LICENSE},
-        },
-        {"@id": _PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
-        {
-            "@id": _LICENSE, "@type": "CreativeWork", "name": "License of the recording and the map",
-            "description": "What is made of a recording and a map may be used as these may.",
-        },
-        *(_file(name, *about) for name, about in files.items()),
-        {
-            "@id": _TOOL, "@type": "SoftwareApplication", "name": "resim",
-            "softwareVersion": f"{versions['resim']}, source {versions['code']}",
-            "softwareRequirements": [
-                f"{name} {version}" for name, version in versions.items() if name not in ("resim", "code")
-            ],
-        },
+        *root(f"{kind}: {title}", f"{what}.", date, held, [_RUN]),
+        *(file_entity(name, *about) for name, about in files.items()),
+        tool(_TOOL, versions),
         {
             "@id": _RUN, "@type": "CreateAction", "name": kind, "description": f"{what}.",
             "instrument": {"@id": _TOOL}, "endTime": date,
@@ -97,7 +78,46 @@ def crate(
             for name, digest in inputs.items()
         ),
     ]  # fmt: skip
-    return {"@context": [f"{_CRATE}/context", {"sha256": _SHA256}], "@graph": entities}
+    return graph(entities)
+
+
+def root(
+    name: str, what: str, date: str, held: list[dict[str, str]], made_by: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Give what every crate begins with. date: by ISO 8601. held: references to all files. made_by: ids of actions."""
+    return [
+        {
+            "@id": FILE, "@type": "CreativeWork", "about": {"@id": "./"},
+            "conformsTo": {"@id": CRATE},
+        },
+        {
+            "@id": "./", "@type": "Dataset", "name": name, "description": what,
+            "datePublished": date, "conformsTo": {"@id": PROFILE}, "hasPart": held,
+            "mentions": [{"@id": one} for one in made_by] if len(made_by) != 1 else {"@id": made_by[0]},
+            "license": {"@id": LICENSE},
+        },
+        {"@id": PROFILE, "@type": "CreativeWork", "name": "Process Run Crate", "version": "0.5"},
+        {
+            "@id": LICENSE, "@type": "CreativeWork", "name": "License of the recording and the map",
+            "description": "What is made of a recording and a map may be used as these may.",
+        },
+    ]  # fmt: skip
+
+
+def tool(name: str, versions: Mapping[str, str]) -> dict[str, Any]:
+    """Give the entity of the resim that made something. name: its id."""
+    return {
+        "@id": name, "@type": "SoftwareApplication", "name": "resim",
+        "softwareVersion": f"{versions['resim']}, source {versions.get('code', 'not told')}",
+        "softwareRequirements": [
+            f"{one} {version}" for one, version in versions.items() if one not in ("resim", "code")
+        ],
+    }  # fmt: skip
+
+
+def graph(entities: list[dict[str, Any]]) -> dict[str, Any]:
+    """Give ro-crate-metadata.json with these entities."""
+    return {"@context": [f"{CRATE}/context", {"sha256": SHA256}], "@graph": entities}
 
 
 def write(folder: Path, told: Mapping[str, Any]) -> None:
@@ -106,7 +126,8 @@ def write(folder: Path, told: Mapping[str, Any]) -> None:
     (folder / FILE).write_text(text + "\n", encoding="utf-8")
 
 
-def _file(name: str, size: int, digest: str) -> dict[str, Any]:
+def file_entity(name: str, size: int, digest: str) -> dict[str, Any]:
+    """Give the entity of a file: its name in the crate, bytes and SHA-256."""
     made = {"@id": quote(name), "@type": "File", "name": name, "contentSize": str(size), "sha256": digest}
     kind = _TYPES.get(Path(name).suffix)
     return made if kind is None else {**made, "encodingFormat": kind}

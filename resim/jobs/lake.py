@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from resim.jobs.given import path_of
 from resim.results.backup import back_up, restore
 from resim.results.catalog import Catalog, user_catalog
 from resim.results.database import VARIABLE, data_folder
-from resim.results.entry import CatalogEntry, CatalogInput
-from resim.results.lake import ITEM_KINDS, LakeItem, LakeQuery, SortKey, find_page, with_content
+from resim.results.entry import KINDS, CatalogEntry, CatalogInput
+from resim.results.lake import ITEM_KINDS, LakeItem, LakeQuery, SortKey, contents_of, find_page, with_content
+from resim.results.origin import ResultOrigin, read_origin
 from resim.results.scanning import Noted, ScanCounts, register, scan, unregister
 
 LINKED = 20
@@ -47,6 +49,7 @@ class LakeLinks:
         followers: The newest that follow from it.
         count: How many these are.
         command: That makes it again, "" where there is none.
+        origin: Versions and settings, seeds among them, that results were made with.
     """
 
     entry: CatalogEntry
@@ -54,6 +57,7 @@ class LakeLinks:
     followers: tuple[LakeItem, ...]
     count: int
     command: str
+    origin: ResultOrigin
 
 
 def the_catalog(catalog: str | None = None) -> Catalog:
@@ -191,9 +195,11 @@ def links_of(lake: Catalog, entry: CatalogEntry) -> LakeLinks:
     """
     known = with_content(lake, [i.hash for i in entry.inputs])
     origins = tuple((i, tuple(known.get(i.hash, ()))) for i in entry.inputs)
-    after = find_page(lake, LakeQuery(hashes=(entry.digest,)), most=LINKED) if entry.digest else None
+    after = find_page(lake, LakeQuery(hashes=contents_of(entry)), most=LINKED) if entry.digest else None
+    origin = read_origin(entry.folder, entry.kind) if entry.kind in KINDS else ResultOrigin()
+    command = _command(entry, origins, origin)
     return LakeLinks(
-        entry, origins, after.items if after else (), after.count if after else 0, _command(entry, origins)
+        entry, origins, after.items if after else (), after.count if after else 0, command, origin
     )  # fmt: skip
 
 
@@ -204,24 +210,48 @@ _AGAIN = {
     ),
 }  # fmt: skip
 """Commands that make results again, and the options of what went in."""
+_SET: Mapping[str, Mapping[str, tuple[str, str]]] = {
+    "run": {
+        "vehicle": ("--vehicle", "kinematic"), "seed": ("--seed", "0"), "step": ("--step", "0.04"),
+        "lead_in": ("--lead-in", "3.0"), "seeds": ("--seeds", "20"),
+    },
+    "verification": {"vehicle": ("--vehicle", "kinematic")},
+}  # fmt: skip
+"""Options of settings, and what holds without them."""
 
 
-def _command(entry: CatalogEntry, origins: Iterable[tuple[CatalogInput, tuple[LakeItem, ...]]]) -> str:
+def _command(
+    entry: CatalogEntry, origins: Iterable[tuple[CatalogInput, tuple[LakeItem, ...]]], origin: ResultOrigin
+) -> str:
     """The command that makes a result again: of files whose content the lake has, "" where one is missing."""
-    import shlex
-
-    if entry.kind not in _AGAIN:
-        return ""
-    words, options = _AGAIN[entry.kind]
     paths = {i.role: found[0].folder for i, found in origins if found}
-    needed = {i.role for i in entry.inputs} & {*options, words.partition("{")[2].rstrip("}")}
+    return shlex.join(again(entry, paths, origin.settings))
+
+
+def again(entry: CatalogEntry, paths: Mapping[str, str], settings: Mapping[str, str]) -> list[str]:
+    """Give the words of the command that makes a result again.
+
+    Args:
+        entry: The result.
+        paths: Of what it came from, by role.
+        settings: With which it was made, by name.
+
+    Returns:
+        The words; none where there is no such command, or something is missing.
+    """
+    if entry.kind not in _AGAIN or settings.get("traffic", "traces") != "traces":
+        return []  # of traffic that reacts no file tells how
+    words, options = _AGAIN[entry.kind]
     main = words.partition("{")[2].rstrip("}")
+    needed = {i.role for i in entry.inputs} & {*options, main}
     if main not in needed or not needed <= paths.keys():
-        return ""
+        return []
     command = ["resim", words.partition(" ")[0], paths[main]]
     for role, option in options.items():
         command += [option, paths[role]] if role in needed else []
-    return shlex.join(command)
+    for name, (option, default) in _SET[entry.kind].items():
+        command += [option, told] if (told := settings.get(name, default)) != default else []
+    return command
 
 
 def lake_backup(file: str | Path, *, catalog: str | None = None) -> dict[str, int]:

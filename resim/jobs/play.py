@@ -18,6 +18,7 @@ from resim.recordings.checks import CODES
 from resim.report import write_player_page
 from resim.report.player import PlayedDrive, of_recording, of_run, of_scenario, of_variations
 from resim.report.player.drive import DriveVerdict
+from resim.report.player.together import together
 from resim.report.player.video import check_video, write_video
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.resimulation.assessment_report import RunAssessment
@@ -43,14 +44,16 @@ OTHERS = {
 
 
 def play(
-    drives: Sequence[str | Path], out: str | Path, *, assess: bool = False, video: str | Path | None = None
-) -> list[PlayedDrive]:
+    drives: Sequence[str | Path], out: str | Path, *, assess: bool = False, above: bool = False,
+    video: str | Path | None = None,
+) -> list[PlayedDrive]:  # fmt: skip
     """Write a page that plays drives.
 
     Args:
         drives: Recordings, folders that `resim run` or `resim vary` wrote, JSCEN files; played one after the other.
         out: Page (.html) to write.
         assess: Whether recordings are assessed for curves of risk and TTC; results have theirs.
+        above: Whether all are shown above each other, as one drive, instead of one after the other.
         video: File (.mp4 or .gif) to film the first drive into; needs chromium and playwright, for mp4 ffmpeg.
 
     Returns:
@@ -66,6 +69,8 @@ def play(
         check_video(film)
     with whole_file(path_of(out)) as beside:
         played = [played_drive(path_of(drive), assess=assess) for drive in drives]
+        if above:
+            played = [together(played)]
         write_player_page(played, beside)
     if film is not None:
         times = [t for layer in played[0].layers for t in layer.tracks.t[[0, -1]].tolist()]

@@ -39,7 +39,7 @@ from resim.results import (
     write_json,
     write_parquet,
 )
-from resim.space.build import build_space, grow_space, usual_threshold
+from resim.space.build import BucketDone, build_space, grow_space, usual_threshold
 from resim.space.calibration import ReliabilityReport
 from resim.space.comparison import SpaceComparison, compare_spaces, together
 from resim.space.folder import REMEDY, read_report, read_space, write_space
@@ -120,6 +120,7 @@ def build(
     settings: SpaceSettings = DEFAULT_SETTINGS,
     *,
     workers: int | None = None,
+    done: BucketDone = lambda bucket, scenarios, clusters: None,
 ) -> SpaceResult:
     """Build a scenario space from what `resim mine` wrote.
 
@@ -128,6 +129,7 @@ def build(
         out: Folder to write; an earlier space there is replaced.
         settings: How scenarios are compared and clustered.
         workers: Threads; all cores, if None.
+        done: Hears of each bucket that was clustered: its name, and how many scenarios and clusters it has.
 
     Returns:
         The space.
@@ -139,7 +141,7 @@ def build(
     if not folders:
         raise InputError("MINED", "no folder is given", "Name a folder that `resim mine` wrote.")
     count = workers or os.cpu_count() or 1
-    space = build_space([read_mined(one) for one in folders], settings, count)
+    space = build_space([read_mined(one) for one in folders], settings, count, done)
     return _write(space, path_of(out), folders, count)
 
 
@@ -149,6 +151,7 @@ def grow(
     out: str | Path | None = None,
     *,
     workers: int | None = None,
+    done: BucketDone = lambda bucket, scenarios, clusters: None,
 ) -> SpaceResult:
     """Put more drives into a space. Its clusters keep their names and medoids; the order of drives does not matter.
 
@@ -157,6 +160,7 @@ def grow(
         mined: Folders that `resim mine` wrote.
         out: Folder to write; the space's own, if None.
         workers: Threads; all cores, if None.
+        done: Hears of each bucket that was clustered: its name, and how many scenarios and clusters it has.
 
     Returns:
         The grown space.
@@ -167,7 +171,7 @@ def grow(
     folders = [path_of(one) for one in mined]
     count = workers or os.cpu_count() or 1
     found, _ = read_space(path_of(space))
-    grown = grow_space(found, [read_mined(one) for one in folders], count)
+    grown = grow_space(found, [read_mined(one) for one in folders], count, done)
     return _write(grown, path_of(space if out is None else out), folders, count)
 
 

@@ -93,9 +93,9 @@ class Catalog:
         """
         wanted: list[ColumnElement[bool]] = [ITEM.c.kind.in_(KINDS if kind is None else (kind,))]
         if build is not None:
-            wanted.append(_has_input(("build", "against"), build))
+            wanted.append(following_from(("build", "against"), _named(build)))
         if recording is not None:
-            wanted.append(_has_input(("recording",), recording))
+            wanted.append(following_from(("recording",), _named(recording)))
         if verdict is not None:
             of_any = _has(OUTCOME, func.lower(OUTCOME.c.verdict) == verdict.lower())
             wanted.append(or_(func.lower(ITEM.c.verdict) == verdict.lower(), of_any))
@@ -161,10 +161,13 @@ class Catalog:
 
     @contextmanager
     def changing(self) -> Iterator[Connection]:
-        """A transaction that changes the index, for modules of this package; who watches is told."""
+        """A transaction that changes the index, for modules of this package; who watches is told.
+
+        It begins with the row that all of them change, so that they wait for each other, and none for itself.
+        """
         with self.connected() as connection, connection.begin():
-            yield connection
             connection.execute(update(CHANGE).values(number=CHANGE.c.number + 1))
+            yield connection
 
     def version(self) -> int:
         """Give what is another one after every change of the index."""
@@ -264,11 +267,15 @@ def _by_item(connection: Connection, table: Table, ids: Sequence[str]) -> dict[s
     return found
 
 
-def _has_input(roles: tuple[str, ...], wanted: str) -> ColumnElement[bool]:
-    told = or_(
+def following_from(roles: tuple[str, ...], *told: ColumnElement[bool]) -> ColumnElement[bool]:
+    """Give the condition that an item follows from something in any of these roles of which all this is true."""
+    return ITEM.c.id.in_(select(INPUT.c.item).where(INPUT.c.role.in_(roles), *told))
+
+
+def _named(wanted: str) -> ColumnElement[bool]:
+    return or_(
         INPUT.c.name.icontains(wanted, autoescape=True), INPUT.c.hash.istartswith(wanted, autoescape=True)
     )
-    return _has(INPUT, INPUT.c.role.in_(roles) & told)
 
 
 def _has(table: Any, condition: ColumnElement[bool]) -> ColumnElement[bool]:

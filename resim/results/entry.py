@@ -38,13 +38,17 @@ KINDS: dict[ItemKind, tuple[str, FolderKind]] = {
 assessment, too."""
 
 
+REPORT = "report"
+"""Facet of a run's report.json, by whose hash assessments of the run name it."""
+
+
 @dataclass(frozen=True)
 class CatalogInput:
     """Something that a result follows from.
 
     role: recording, map, build, against (the older build), drove (the build that drove a recording), criteria,
-    perception, suite, mining, space. name: of a recording its name, of a build its label. path: absolute, "" where it
-    is not told. hash: SHA-256, "" where it is not told.
+    perception, suite, mining, space, run (that was assessed). name: of a recording its name, of a build its label.
+    path: absolute, "" where it is not told. hash: SHA-256, "" where it is not told.
     """
 
     role: str
@@ -81,7 +85,7 @@ class CatalogFact:
     """Something that is known of a recording, a scenario or a result.
 
     hash: of the content that it is true of, "" for the entry itself. facet: table, weather, tag, finding, maneuver,
-    scenarios, risk, member. name: which; value: how much, how often, None where that says nothing.
+    scenarios, risk, member, report. name: which; value: how much, how often, None where that says nothing.
     """
 
     facet: str

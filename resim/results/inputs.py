@@ -149,16 +149,19 @@ def _origin(path: Path) -> tuple[list[str], list[CatalogInput]]:
     found = next((p for p in [*path.parents][:3] if (p / _MINED).is_file()), None)
     if found is None:
         return [], []
-    own = f"{path.relative_to(found).as_posix()}"
+    own = path.relative_to(found).as_posix()
     mined = [CatalogInput("mining", found.name, str(found), digest(found, "mining"))]
-    mined += [
-        CatalogInput(
-            "recording", part["recording"], str(joined(found / _MINED, part["folder"])), part["content"]
-        )
-        for part in read_sealed(found / _MINED, "Mine it again.")["parts"]
-        if any(file == own or file.startswith(f"{own}/") for file in part["files"])
-    ]
-    return [os.path.relpath(found / _MINED, path if path.is_dir() else path.parent)], mined
+    name = path.name.removesuffix(".jscen.json").rsplit("+", 2)[
+        0
+    ]  # recording, EGO and number, with none in them
+    told = [found / _MINED, found / "parts" / name / "part.json"]
+    if told[1].is_file():
+        part = read_sealed(told[1], "Mine it again.")
+        if any(file == own or file.startswith(f"{own}/") for file in part["files"]):
+            where = str(joined(found / _MINED, part["folder"]))
+            mined.append(CatalogInput("recording", part["recording"], where, part["content"]))
+    start = path if path.is_dir() else path.parent
+    return [os.path.relpath(file, start) for file in told if file.is_file()], mined
 
 
 def _map(path: Path) -> _Contents:
@@ -188,8 +191,7 @@ def _criteria(path: Path) -> _Contents:
 def _model(path: Path) -> _Contents:
     from resim.perception.model import read_model
 
-    model = read_model(path)
-    return _Contents(model.name, model.hash)
+    return _Contents(read_model(path).name, file_hash(path))  # by its file, as results name it
 
 
 def _study(path: Path) -> _Contents:
@@ -215,6 +217,27 @@ _READERS: Mapping[InputKind, Callable[[Path], _Contents]] = {
     "recording": _recording, "map": _map, "scenario": _scenario, "build": _build, "criteria": _criteria,
     "model": _model, "kernels": _map, "suite": _study, "sweep-file": _study,
 }  # fmt: skip
+
+
+def files_of_input(path: Path, kind: InputKind) -> dict[Path, Path]:
+    """Give the files of what jobs are given, each by where it lies, or would be found, with where to read it.
+
+    Code and data of builds and criteria are theirs, beside them, as they were read; what a recording or a suite names
+    is something of its own. Raises InputError where they cannot be read.
+    """
+    from resim.core.plugins.frozen import load_frozen
+    from resim.metrics.criteria import freeze_criteria
+    from resim.simulation.function.interface import freeze_build
+
+    files = [path / name for name in _of_recording(path, None)] if kind == "recording" else [path]
+    if linked := [file for file in files if file.is_symlink()]:
+        raise InputError(linked[0], "is a link, which is not followed", "Put the file itself there.")
+    if kind not in ("build", "criteria"):
+        return {file: file for file in files if file.is_file()}
+    again = freeze_build if kind == "build" else freeze_criteria
+    copy = load_frozen(again(path), again)
+    beside = {Path(os.path.normpath(path.parent / name)): copy.folder / name for name in sorted(copy.names)}
+    return {path: path, **beside}
 
 
 def refuse_nothing(path: Path) -> InputError:

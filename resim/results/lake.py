@@ -27,7 +27,7 @@ from sqlalchemy import (
 )
 
 from resim.results.catalog import AT_ONCE, LEAST, Catalog, begins
-from resim.results.entry import ItemKind
+from resim.results.entry import REPORT, CatalogEntry, ItemKind
 from resim.results.reading import VERDICTS
 from resim.results.tables import FACT, INPUT, ITEM, OUTCOME, WORD
 from resim.results.words import words_of
@@ -219,8 +219,13 @@ def facts_of(catalog: Catalog, ids: Sequence[str], facet: str) -> dict[str, list
     return found
 
 
+def contents_of(entry: CatalogEntry) -> tuple[str, ...]:
+    """Give the hashes by which others name something: of its content, and of a run that of its report, too."""
+    return (entry.digest, *(fact.hash for fact in entry.facts if fact.facet == REPORT))
+
+
 def with_content(catalog: Catalog, hashes: Iterable[str]) -> dict[str, list[LakeItem]]:
-    """Give what has these contents, by hash."""
+    """Give what has these contents, by hash; a run by that of its report, too."""
     wanted = sorted({h for h in hashes if h})
     found: dict[str, list[LakeItem]] = {}
     with catalog.connected() as connection:
@@ -230,6 +235,15 @@ def with_content(catalog: Catalog, hashes: Iterable[str]) -> dict[str, list[Lake
                 connection, connection.scalars(select(ITEM.c.id).where(of).order_by(ITEM.c.id)).all()
             ):
                 found.setdefault(item.digest, []).append(item)
+        lost = [h for h in wanted if h not in found]
+        for k in range(0, len(lost), AT_ONCE):
+            some = FACT.c.hash.in_(lost[k : k + AT_ONCE]), FACT.c.facet == REPORT
+            runs = connection.execute(
+                select(FACT.c.hash, FACT.c.item).where(*some).order_by(FACT.c.item)
+            ).all()
+            items = {item.id: item for item in items_of(connection, [name for _, name in runs])}
+            for digest, name in runs:
+                found.setdefault(digest, []).append(items[name])
     return found
 
 
@@ -295,7 +309,8 @@ def _by(
     of: ColumnElement[str] = ITEM.c.id,
 ) -> _Condition:
     """Found by rows of another table: gathered by the index of what is looked for, tried by that of the key alone."""
-    tried = exists().where(key == of, where(_unindexed))
+    # with an offset PostgreSQL tries each, and does not join whole tables
+    tried = exists(select(key).where(key == of, where(_unindexed)).offset(0))
     return _Condition(select(key).where(where(_as_it_is)), tried, of)
 
 

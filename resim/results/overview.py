@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from sqlalchemy import ColumnElement, and_, exists, func, select
 
-from resim.results.catalog import AT_ONCE, Catalog
+from resim.results.catalog import AT_ONCE, Catalog, following_from
 from resim.results.entry import ItemKind
 from resim.results.tables import INPUT, ITEM, OUTCOME
 
@@ -81,9 +81,8 @@ class CatalogOverview:
 
     def of_build(self, name: str, digest: str, kinds: Sequence[ItemKind]) -> list[OutcomeOf]:
         """Give the outcomes of a build in results of some kinds, the newest first."""
-        its = (INPUT.c.role == "build") & (INPUT.c.name == name) & (INPUT.c.hash == digest)
-        results = select(INPUT.c.item).where(its)
-        of = and_(OUTCOME.c.item.in_(results), OUTCOME.c.build == name, OUTCOME.c.hash != "")
+        its = following_from(("build",), INPUT.c.name == name, INPUT.c.hash == digest)
+        of = and_(its, OUTCOME.c.build == name, OUTCOME.c.hash != "")
         return self._outcomes(of & ITEM.c.kind.in_(kinds))
 
     def _outcomes(self, condition: ColumnElement[bool]) -> list[OutcomeOf]:

@@ -20,6 +20,7 @@ from resim.core.sealed import read_sealed
 from resim.core.spelling import counted
 from resim.results.entry import (
     KINDS,
+    REPORT,
     CatalogEntry,
     CatalogFact,
     CatalogInput,
@@ -125,9 +126,10 @@ def _run(folder: Path) -> _FolderContents:
     failed = any(report["failure"].values()) or any(seed["failure"] for seed in seeds)
     verdict = FAILED if failed else _overall(o.verdict for o in found)
     inputs = (*told, *_criteria(assessed))
+    named = CatalogFact(REPORT, "report.json", hash=run["files"]["report.json"])
     return _FolderContents(
         report["recording"], run["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found),
-        tuple(_risks(_blocks(assessed), told[0].hash)),
+        (*_risks(_blocks(assessed), told[0].hash), named),
     )  # fmt: skip
 
 
@@ -142,6 +144,8 @@ def _assessment(folder: Path) -> _FolderContents:
         sources = ("rGT", "rSD", "rGT+M", *assessed["failures"]) if simulated else ("GT", "SD")
         builds = dict.fromkeys(sources, build["label"])
     name = of["recording"]["name"]
+    if of.get("run"):
+        told.append(CatalogInput("run", name, hash=of["run"]))
     found = list(_judged(_blocks(assessed), name, builds, {"failure": assessed.get("failures", {})}))
     inputs = (*told, *_criteria(assessed))
     verdict = FAILED if assessed.get("failures") else _overall(o.verdict for o in found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,8 +46,19 @@ class _Places:
             self.to_medoid[rows[members]] = pairs.between(own[members], own[found.medoid[c : c + 1]])[:, 0]
 
 
+BucketDone = Callable[[str, int, int], None]
+"""Hears of each bucket that was clustered: its name, and of how many scenarios and clusters it is."""
+
+
+def _quietly(bucket: str, scenarios: int, clusters: int) -> None:
+    pass
+
+
 def build_space(
-    sources: Sequence[MinedSource], settings: SpaceSettings = DEFAULT_SETTINGS, workers: int = 1
+    sources: Sequence[MinedSource],
+    settings: SpaceSettings = DEFAULT_SETTINGS,
+    workers: int = 1,
+    done: BucketDone = _quietly,
 ) -> Space:
     """Build a space from mined folders; scenarios are clustered in each bucket.
 
@@ -58,10 +69,10 @@ def build_space(
     space = _with_sources(empty, sources, 0)
     if not len(space.rows):
         raise InputError(sources[0].folder, "holds no scenario with its slots", "Mine more recordings.")
-    return cluster_buckets(space, workers)
+    return cluster_buckets(space, workers, done)
 
 
-def cluster_buckets(space: Space, workers: int = 1) -> Space:
+def cluster_buckets(space: Space, workers: int = 1, done: BucketDone = _quietly) -> Space:
     """Give a space with the scenarios of each of its buckets clustered anew."""
     places = _places(len(space.rows))
     links: dict[str, BucketLinks] = {}
@@ -71,10 +82,13 @@ def cluster_buckets(space: Space, workers: int = 1) -> Space:
         places.number[own] = number
         names = [f"{number}.{k + 1}" for k in range(found.count)]
         places.fill(own, names, found, pairs, np.arange(len(own)))
+        done(bucket, len(own), found.count)
     return _placed(replace(space, links=links), places)
 
 
-def grow_space(space: Space, sources: Sequence[MinedSource], workers: int = 1) -> Space:
+def grow_space(
+    space: Space, sources: Sequence[MinedSource], workers: int = 1, done: BucketDone = _quietly
+) -> Space:
     """Give the space with more sources. Clusters that it was built with keep their names, members and medoids.
 
     Who is in which cluster does not depend on the order in which sources come (`resim.space.placing`).
@@ -93,6 +107,7 @@ def grow_space(space: Space, sources: Sequence[MinedSource], workers: int = 1) -
         pairs = PairDistances(grown.traces.take(own), space.settings.distance, workers)
         places.number[own] = number
         _grow_bucket(grown, own, pairs, links[bucket].threshold, places)
+        done(bucket, len(own), len(set(places.cluster[own].tolist())))
     return _placed(replace(grown, links=links), places)
 
 

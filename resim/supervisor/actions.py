@@ -12,7 +12,7 @@ from resim.core.errors import InputError
 from resim.results.queue import new_id
 from resim.supervisor.forms import FormError, command_line
 from resim.supervisor.parts import Supervisor
-from resim.supervisor.views import MissingError, result_folder, task_of
+from resim.supervisor.views.common import MissingError, result_folder, task_of
 
 MOST_WAITING = 10_000
 """Tasks that may wait or pause."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import ExitStack, asynccontextmanager, suppress
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -28,19 +29,22 @@ from starlette.types import ASGIApp
 
 from resim import __version__
 from resim.core.errors import InputError, ResimError
-from resim.supervisor import actions, views, words
+from resim.supervisor import actions, words
 from resim.supervisor.documents import find_document
 from resim.supervisor.events import stream
 from resim.supervisor.forms import FormError
 from resim.supervisor.guard import DOCUMENT_POLICY, Guard
 from resim.supervisor.limits import StreamLimit
 from resim.supervisor.live import roads_around
+from resim.supervisor.packing import packed_chain
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.runner import LOG
+from resim.supervisor.views import PAGES
+from resim.supervisor.views.common import MissingError, folder_of, task_of
 
 LATER = 5
 """By how much pages come after tasks where there are not enough cores for both."""
-STREAMS = StreamLimit(each=12, most=64)
+STREAMS = StreamLimit(each=24, most=64)
 _STATIC = {
     "page.css": ("resim.report", "page.css", "text/css"),
     "supervisor.css": ("resim.supervisor", "static/supervisor.css", "text/css"),
@@ -59,7 +63,7 @@ def _templates() -> Environment:
         loader=PackageLoader("resim.supervisor"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    env.filters.update(moment=words.moment, size=words.size, tone=words.tone)
+    env.filters.update(moment=words.moment, size=words.size, tone=words.tone, coded=words.coded)
     env.globals.update(span=words.span, version=__version__)
     return env
 
@@ -92,10 +96,11 @@ def make_app(supervisor: Supervisor) -> ASGIApp:
     routes = [
         Route("/static/{name}", _static, methods=["GET"]),
         Route("/events", _events(supervisor), methods=["GET"]),
+        Route("/crate/{name}", _crate(supervisor), methods=["GET"]),
         Route("/live/{name}/roads", _roads(supervisor), methods=["GET"]),
         Route("/open/{kind}/{name}/{path:path}", _sealed(supervisor), methods=["GET"]),
         Route("/pages/{seal}/{kind}/{name}/{path:path}", _document(supervisor), methods=["GET"]),
-        *(Route(path, _page(supervisor, page), methods=["GET"]) for path, page in views.PAGES.items()),
+        *(Route(path, _page(supervisor, page), methods=["GET"]) for path, page in PAGES.items()),
         *(Route(path, _action(supervisor, act), methods=["POST"]) for path, act in actions.ACTIONS.items()),
     ]
     app = Starlette(
@@ -112,7 +117,7 @@ def _refused(request: Request, e: HTTPException) -> Response:
 def _failed(request: Request, e: ResimError) -> Response:
     if isinstance(e, FormError):
         return refusal(422, str(e))
-    return refusal(404 if isinstance(e, views.MissingError) else 500, str(e))
+    return refusal(404 if isinstance(e, MissingError) else 500, str(e))
 
 
 def _broken(request: Request, e: Exception) -> Response:
@@ -138,12 +143,11 @@ def _action(
     supervisor: Supervisor, act: Callable[[Supervisor, Request], str]
 ) -> Callable[[Request], Response]:
     def done(request: Request) -> Response:
-        client = request.client.host if request.client else ""
         note = partial(
             supervisor.audit.note,
             request.state.visitor.name,
             request.state.session,
-            client,
+            request.state.client,
             request.url.path,
             request.state.form,
         )
@@ -166,9 +170,33 @@ def _static(request: Request) -> Response:
     return Response(files(package).joinpath(name).read_text("utf-8"), media_type=kind)
 
 
+def _crate(supervisor: Supervisor) -> Callable[[Request], Response]:
+    """Something with all that it came from, as a zip; for those who may run: builds' code is in it."""
+
+    def sent(request: Request) -> Response:
+        if not request.state.visitor.may_change:
+            return refusal(
+                403, "A crate holds the code of builds: the address that you came by lets you look only."
+            )
+        found = supervisor.catalog.entries([request.path_params["name"][:40]])
+        if not found:
+            raise MissingError("There is no such thing.")
+        ending = ExitStack()
+        try:
+            file = ending.enter_context(packed_chain(found[0]))
+        except ResimError as e:
+            return refusal(409, str(e))
+        name = f"{found[0].kind}-{found[0].id}.crate.zip"
+        return FileResponse(
+            file, media_type="application/zip", filename=name, background=BackgroundTask(ending.close)
+        )
+
+    return sent
+
+
 def _roads(supervisor: Supervisor) -> Callable[[Request], Response]:
     def found(request: Request) -> Response:
-        task = views.task_of(supervisor, request.path_params["name"])
+        task = task_of(supervisor, request.path_params["name"])
         return JSONResponse(roads_around(Path(task.folder)))
 
     return found
@@ -179,7 +207,7 @@ def _sealed(supervisor: Supervisor) -> Callable[[Request], Response]:
 
     def found(request: Request) -> Response:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
-        find_document(views.folder_of(supervisor, kind, name), path)
+        find_document(folder_of(supervisor, kind, name), path)
         seal = supervisor.access.page_seal(f"{kind}/{name}", request.state.visitor)
         return RedirectResponse(str(request.url.replace(path=f"/pages/{seal}/{kind}/{name}/{path}")), 303)
 
@@ -191,7 +219,7 @@ def _document(supervisor: Supervisor) -> Callable[[Request], Response]:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
         if not supervisor.access.is_page_seal(f"{kind}/{name}", request.path_params["seal"]):
             return refusal(403, "This address is no longer good. Open the page from its result again.")
-        document = find_document(views.folder_of(supervisor, kind, name), path)
+        document = find_document(folder_of(supervisor, kind, name), path)
         headers = {
             "content-security-policy": DOCUMENT_POLICY, "cross-origin-resource-policy": "cross-origin",
             "cross-origin-opener-policy": "unsafe-none",
@@ -209,7 +237,7 @@ def _missing(page: Callable[[Request], Response]) -> Callable[[Request], Respons
         try:
             return page(request)
         except InputError as e:
-            raise views.MissingError(str(e)) from e
+            raise MissingError(str(e)) from e
 
     return found
 
@@ -218,20 +246,23 @@ def _events(supervisor: Supervisor) -> Callable[[Request], Any]:
     async def opened(request: Request) -> Response:
         query, log, live = request.query_params, None, None
         if "task" in query:
-            task = await run_in_threadpool(views.task_of, supervisor, query["task"].replace("\0", ""))
+            task = await run_in_threadpool(task_of, supervisor, query["task"])
             log = Path(task.folder) / LOG
         if "live" in query:
-            task = await run_in_threadpool(views.task_of, supervisor, query["live"].replace("\0", ""))
+            task = await run_in_threadpool(task_of, supervisor, query["live"])
             live = Path(task.folder)
         told = request.headers.get("last-event-id", query.get("from", "0"))
         start = int(told) if told.isascii() and told.isdigit() and len(told) < 16 else 0
-        client = request.state.session
+        session = request.state.session
+        client = (
+            request.state.visitor.name or request.state.client
+        )  # who comes in again and again is one client
         if not STREAMS.takes(client):
             return refusal(429, "Too many pages are open. Close some of them.")
 
         def is_in() -> bool:
             with suppress(ResimError):
-                return supervisor.access.session(client) is not None
+                return supervisor.access.session(session) is not None
             return False
 
         async def sent() -> AsyncIterator[bytes]:

@@ -6,15 +6,16 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-MOST_VALUES = 100
-"""Values of a form that a line tells of."""
-MOST_LINE = 2_000
-"""Bytes of a line, as a rule."""
+MOST_FORM = 1_000
+"""Letters of a form that a line tells of: nobody pushes others' lines out of sight by large ones."""
+MOST_TOLD = 300
+"""Letters of what came of it."""
+BLOCK = 65_536
+"""Bytes that are read at once, from the end on."""
 
 
 class AuditTrail:
@@ -38,8 +39,8 @@ class AuditTrail:
             "session": hashlib.sha256(session.encode()).hexdigest()[:16],
             "client": client,
             "action": action,
-            "form": [[name, value] for name, value in form[:MOST_VALUES]],
-            "outcome": outcome,
+            "form": _told(form),
+            "outcome": outcome[:MOST_TOLD],
         }
         file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
         try:
@@ -48,16 +49,47 @@ class AuditTrail:
         finally:
             os.close(file)
 
-    def last(self, count: int) -> list[dict[str, Any]]:
-        """Give the newest lines, the newest first."""
+    def last(self, count: int, first: int = 0) -> list[dict[str, Any]]:
+        """Give lines, the newest first, from number `first` on."""
+        found: list[dict[str, Any]] = []
+        for line in self._backwards():
+            try:
+                told = json.loads(line)
+            except ValueError:  # of a line that was cut short
+                continue
+            if first > 0:
+                first -= 1
+                continue
+            found.append(told)
+            if len(found) == count:
+                break
+        return found
+
+    def _backwards(self) -> Iterator[bytes]:
+        """The lines of the file, the last one first."""
         try:
             with self.path.open("rb") as file:
-                file.seek(max(0, file.seek(0, os.SEEK_END) - count * MOST_LINE))
-                lines = file.read().splitlines()
+                at, rest = file.seek(0, os.SEEK_END), b""
+                while at > 0:
+                    at, size = max(0, at - BLOCK), min(BLOCK, at)
+                    file.seek(at)
+                    rest, *lines = (file.read(size) + rest).split(b"\n")
+                    yield from (line for line in reversed(lines) if line)
+                if rest:
+                    yield rest
         except OSError:
-            return []
-        found = []
-        for line in lines[::-1][:count]:
-            with suppress(ValueError):  # of a line that the beginning was cut off of
-                found.append(json.loads(line))
-        return found
+            return
+
+
+def _told(form: Sequence[tuple[str, str]]) -> list[list[str]]:
+    """What was sent, as far as there is room; of more than that how much there was."""
+    told: list[list[str]] = []
+    room = MOST_FORM
+    for k, (name, value) in enumerate(form):
+        if room <= 0:
+            told.append(["…", f"{len(form) - k} more values"])
+            break
+        short = value if len(value) <= room else f"{value[:room]}… ({len(value)} letters)"
+        told.append([name[:100], short])
+        room -= len(name[:100]) + len(short)
+    return told

@@ -8,7 +8,8 @@ from pathlib import Path
 from resim.core.errors import ResimError
 from resim.core.sealed import read_sealed
 from resim.results.catalog import Catalog
-from resim.results.lake import LakeQuery, find_page
+from resim.results.entry import CatalogEntry
+from resim.results.lake import LakeItem, LakeQuery, find_page
 
 REMEDY = "Build the space again by `resim space build`."
 
@@ -42,20 +43,20 @@ class SpaceCoverage:
 
 def newest_coverage(catalog: Catalog, most: int) -> list[SpaceCoverage]:
     """Give the coverage of the newest spaces. Raises InputError where the catalog cannot be read."""
-    found = []
-    for item in find_page(catalog, LakeQuery(kinds=("space",)), most=most).items:
-        try:
-            told = read_sealed(Path(item.folder) / "space.json", REMEDY)
-            coverage, unseen = told["coverage"], told["coverage"]["convergence"]["unseen"]
-            found.append(
-                SpaceCoverage(
-                    item.id, item.name, item.written, int(told["scenarios"]), float(told["hours"]),
-                    (int(coverage["kinds"]["seen"]), float(coverage["kinds"]["at_least"])),
-                    (float(unseen["value"]), float(unseen["low"]), float(unseen["high"])),
-                    bool(coverage["convergence"]["converged"]),
-                )
-            )  # fmt: skip
-        except (ResimError, LookupError, TypeError, ValueError, OverflowError):
-            fault = "its folder is not here, or holds something else"
-            found.append(SpaceCoverage(item.id, item.name, item.written, fault=fault))
-    return found
+    return [coverage_of(item) for item in find_page(catalog, LakeQuery(kinds=("space",)), most=most).items]
+
+
+def coverage_of(item: LakeItem | CatalogEntry) -> SpaceCoverage:
+    """Give the coverage of a space, as its folder tells now."""
+    try:
+        told = read_sealed(Path(item.folder) / "space.json", REMEDY)
+        coverage, unseen = told["coverage"], told["coverage"]["convergence"]["unseen"]
+        return SpaceCoverage(
+            item.id, item.name, item.written, int(told["scenarios"]), float(told["hours"]),
+            (int(coverage["kinds"]["seen"]), float(coverage["kinds"]["at_least"])),
+            (float(unseen["value"]), float(unseen["low"]), float(unseen["high"])),
+            bool(coverage["convergence"]["converged"]),
+        )  # fmt: skip
+    except (ResimError, LookupError, TypeError, ValueError, OverflowError):
+        fault = "its folder is not here, or holds something else"
+        return SpaceCoverage(item.id, item.name, item.written, fault=fault)

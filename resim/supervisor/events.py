@@ -16,6 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from resim.core.errors import ResimError
 from resim.execution.workers import in_fresh_child
 from resim.results.scanning import is_up_to_date, scan_user_catalog
+from resim.supervisor.growth import stamp_of
 from resim.supervisor.live import read_state
 from resim.supervisor.processes import opened
 
@@ -31,6 +32,8 @@ WHOLE = 15
 """Every so many looks, builds are read again as well: the code that they name may have changed."""
 LOOK, LIVE_LOOK = 0.3, 0.04
 """s between two looks of a stream; of one that follows a simulation."""
+GROWTH = 2.0
+"""s at least between two looks of a page at what a task has come to."""
 LIFE = 900.0
 """s after which a stream ends; the browser opens another one."""
 SILENCE = 15.0
@@ -103,7 +106,8 @@ async def stream(
     with each state of the simulation of a task, whose folder is `live`. It ends when who asked for it is in no more.
     """
     changes, count, seen = supervisor.changes, supervisor.changes.count, 0
-    begin = told = looked = time.monotonic()
+    begin = told = looked = grown = time.monotonic()
+    stamp = 0.0 if log is None else stamp_of(log.parent)
     yield b"retry: 2000\n\n"
     while not changes.ended and time.monotonic() < begin + LIFE:
         if time.monotonic() > looked + EVERY:
@@ -124,6 +128,9 @@ async def stream(
                 if event:
                     told = time.monotonic()
                     yield event.encode()
+        if log is not None and time.monotonic() > grown + GROWTH and (now := stamp_of(log.parent)) != stamp:
+            stamp, grown = now, time.monotonic()
+            yield b"event: changed\ndata: {}\n\n"
         if changes.count != count:
             count, told = changes.count, time.monotonic()
             yield b"event: changed\ndata: {}\n\n"

@@ -6,6 +6,7 @@ A page that a request reaches may rely on it: it comes from somebody who was let
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 from collections.abc import Callable
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
@@ -52,15 +53,32 @@ ENTERED = (
 
 @dataclass(frozen=True)
 class Door:
-    """Under which addresses a server is reached. origins: such as http://127.0.0.1:8765. secure: by TLS."""
+    """Under which addresses a server is reached. origins: such as http://127.0.0.1:8765. secure: by TLS. proxy: address
+    of the one proxy that is believed when it says whom it asks for; "" for none."""
 
     origins: tuple[str, ...]
     secure: bool = False
+    proxy: str = ""
 
     @property
     def hosts(self) -> tuple[str, ...]:
         """What a browser says as Host."""
         return tuple(origin.partition("://")[2] for origin in self.origins)
+
+
+def client_of(scope: Scope, headers: Headers, proxy: str) -> str:
+    """Give the address that a request comes from: behind the stated proxy the one that this proxy saw.
+
+    That is the last one in X-Forwarded-For: those before it are what the client said itself.
+    """
+    near = str((scope.get("client") or ("?",))[0])
+    if not proxy or near != proxy:
+        return near
+    last = ",".join(headers.getlist("x-forwarded-for")).rpartition(",")[2].strip()
+    try:
+        return str(ipaddress.ip_address(last))
+    except ValueError:
+        return near
 
 
 class Guard:
@@ -92,7 +110,8 @@ class Guard:
 
     def _look(self, scope: Scope, headers: Headers) -> Response | None:
         """The answer to what goes no further."""
-        client, method = str((scope.get("client") or ("?",))[0]), scope["method"]
+        client, method = client_of(scope, headers, self._door.proxy), scope["method"]
+        scope.setdefault("state", {})["client"] = client
         if len(headers.getlist("host")) != 1 or headers["host"] not in self._door.hosts:
             return PlainTextResponse("This server has another name.\n", 421)
         if not self._rate.allows(client):
@@ -102,6 +121,8 @@ class Guard:
         raw = scope.get("raw_path", b"") + b"?" + scope.get("query_string", b"")
         if len(raw) > LONGEST_ADDRESS:
             return PlainTextResponse("The address is too long.\n", 414)
+        if b"%00" in raw or b"\0" in raw:
+            return self._refuse(400, "An address has no NUL bytes.")
         if any(c in scope["path"] for c in "\\\0\r\n") or any(p == ".." for p in scope["path"].split("/")):
             return PlainTextResponse("There is no such page.\n", 404)
         if scope["path"].startswith(STATIC) or scope["path"].startswith(PAGES):
@@ -159,6 +180,8 @@ class Guard:
             return PlainTextResponse("The form is too large.\n", 413)
         except ValueError:
             return PlainTextResponse("This is no form.\n", 400)
+        if any("\0" in text for pair in pairs for text in pair):
+            return self._refuse(400, "A form has no NUL bytes.")
         seals = [value for name, value in pairs if name == "seal"]
         if len(seals) != 1 or not self._access.is_form_seal(scope["state"]["session"], seals[0]):
             return self._refuse(

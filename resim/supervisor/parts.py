@@ -18,6 +18,7 @@ from resim.supervisor.audit import AuditTrail
 from resim.supervisor.events import Changes
 from resim.supervisor.experiments import Experiments
 from resim.supervisor.forms import JobForm
+from resim.supervisor.growth import SweepsSoFar
 from resim.supervisor.guard import Door
 from resim.supervisor.worker import Worker
 
@@ -51,6 +52,7 @@ class Supervisor:
         self.experiments = Experiments(self.catalog, self.queue)
         self.changes = Changes(self)
         self.audit = AuditTrail(settings.audit)
+        self.sweeps = SweepsSoFar()
 
     @cached_property
     def forms(self) -> dict[str, JobForm]:

@@ -16,7 +16,7 @@ import sys
 import time
 from pathlib import Path
 
-from resim.core.watched import LIVE_VARIABLE
+from resim.core.watched import LIVE_VARIABLE, PROGRESS
 from resim.supervisor.processes import process_name, read_whole, write_whole
 
 LOG, TASK_FILE, BEGUN, EXIT, LOCK = "log.txt", "task.json", "begun.json", "exit.json", "lock"
@@ -40,7 +40,8 @@ def run(folder: Path) -> int:
     if int(read_whole(folder / BEGUN).get("attempt", 0)) >= attempt:
         return 75
     write_whole(folder / BEGUN, {"attempt": attempt, "process": process_name(), "began": time.time()})
-    (folder / LIVE).unlink(missing_ok=True)
+    for name in (LIVE, PROGRESS):
+        (folder / name).unlink(missing_ok=True)
     code = _call(folder, told["words"], attempt)
     (folder / LIVE).unlink(missing_ok=True)
     write_whole(folder / EXIT, {"attempt": attempt, "code": code, "ended": time.time()})

@@ -42,7 +42,8 @@ class ServeOptions:
 
     folders: registered ones. host, port: where to listen. tasks: folder of logs and results. jobs: tasks at once.
     remote: under which address other machines may reach it, such as https://resim.example.org; "" where they may not.
-    certificate: file of TLS, with its key; None where a proxy does that, or nobody else comes.
+    certificate: file of TLS, with its key; None where a proxy does that, or nobody else comes. proxy: address of that
+    proxy, whose word is taken for whom it asks for; "" for none.
     """
 
     folders: tuple[Path, ...]
@@ -52,6 +53,7 @@ class ServeOptions:
     jobs: int = 1
     remote: str = ""
     certificate: Path | None = None
+    proxy: str = ""
 
 
 def check_options(options: ServeOptions) -> None:
@@ -67,6 +69,15 @@ def check_options(options: ServeOptions) -> None:
         if told.scheme != "https" or not told.netloc or told.path not in ("", "/") or "@" in told.netloc:
             problem = f"{options.remote!r} is not the https:// address under which browsers reach it"
             raise InputError("--allow-remote", problem, "Give one such as https://resim.example.org.")
+    if options.proxy:
+        try:
+            ipaddress.ip_address(options.proxy)
+        except ValueError:
+            raise InputError(
+                "--proxy", f"{options.proxy!r} is no IP address", "Give one such as 127.0.0.1."
+            ) from None
+        if not options.remote:
+            raise InputError("--proxy", "has no effect without --allow-remote", "Give both, or neither.")
     if options.certificate is not None:
         try:
             ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(options.certificate)
@@ -183,7 +194,7 @@ def _bound(host: str, port: int) -> socket.socket:
 
 def _door(options: ServeOptions, port: int) -> Door:
     if options.remote:
-        return Door((options.remote.rstrip("/"),), secure=True)
+        return Door((options.remote.rstrip("/"),), secure=True, proxy=options.proxy)
     scheme = "http" if options.certificate is None else "https"
     names = dict.fromkeys(
         (f"[{options.host}]" if ":" in options.host else options.host, "127.0.0.1", "localhost")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from datetime import UTC, datetime
 
+from markupsafe import Markup
+
 _TONES = {
     "pass": ("PASS", "verified", "same", "better", "within limits", "done"),
     "fail": ("FAIL", "not verified", "worse", "regresses", "error", "bad", "lost"),
@@ -48,3 +50,13 @@ def size(count: float) -> str:
             return f"{count:.3g} {unit}"
         count /= 1000
     return f"{count:.3g} TB"
+
+
+def coded(text: str) -> Markup:
+    """Give a text with what stands between two backticks as code; all of it is escaped."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:
+        return Markup.escape(text)
+    return Markup("").join(
+        Markup("<code>{}</code>").format(p) if k % 2 else Markup.escape(p) for k, p in enumerate(parts)
+    )

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+import subprocess
+import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -214,3 +217,43 @@ def test_a_pipe_in_a_folder_holds_up_no_scan(tmp_path: Path, name: str) -> None:
 
     os.mkfifo(tmp_path / name)
     assert input_kind(tmp_path / name) is None
+
+
+def test_scans_at_once_of_a_new_catalog_find_all_once_and_none_fails(database: str, tmp_path: Path) -> None:
+    for name in ("scenarios/cut_in_brake", "scenarios/overtake", "scenarios/criteria", "networks"):
+        shutil.copytree(ROOT_FOLDER / name, tmp_path / "lake" / name)
+    for k in range(60):  # several writes each, and many things of one content
+        shutil.copy(ROOT_FOLDER / "networks" / "urban.xodr", tmp_path / "lake" / f"town_{k:02}.xodr")
+    command = [sys.executable, "-m", "resim", "lake", "scan", str(tmp_path / "lake")]
+    scans = [
+        subprocess.Popen(
+            command, env={**os.environ, "RESIM_CATALOG": database}, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(3)
+    ]
+    for one in scans:
+        _, error = one.communicate(timeout=120)
+        assert one.returncode == 0, error
+    alone = Catalog(str(tmp_path / "alone.sqlite"))
+    scan(alone, [tmp_path / "lake"])
+    assert dump(Catalog(database)) == dump(alone)
+
+
+def test_who_writes_at_once_waits_for_each_other(database: str, tmp_path: Path) -> None:
+    catalog = Catalog(database)
+    begun, order = threading.Event(), list[str]()
+    version = catalog.version()
+
+    def write() -> None:
+        begun.wait(10.0)
+        with Catalog(database).changing():
+            order.append("second")
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    with catalog.changing():
+        begun.set()
+        thread.join(0.5)
+        order.append("first")
+    thread.join(30.0)
+    assert (order, catalog.version()) == (["first", "second"], version + 2)

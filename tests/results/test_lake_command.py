@@ -94,3 +94,25 @@ def test_links_lead_both_ways_and_to_the_command_that_makes_it_again(lake: Path,
     assert (code, out.strip()) == (0, "forgotten: 1")
     assert lake_show(links.entry.id).command == ""  # nobody knows where this build is
     assert said(call, "lake", "scan")["seen"] == 4
+
+
+def test_an_assessment_leads_to_its_run_and_back(lake: Path, made: Path, call: Call) -> None:
+    shutil.copytree(made / "assessment", lake / "out" / "assessment")
+    assert call("lake", "scan")[0] == 0
+    links, run = lake_show(str(lake / "out" / "assessment")), lake_show(str(lake / "out" / "run"))
+    (its,) = [[item.id for item in items] for i, items in links.origins if i.role == "run"]
+    assert its == [run.entry.id]
+    assert links.entry.id in {item.id for item in run.followers}
+    assert run.origin.settings["seed"] == "0"
+    assert run.origin.versions["resim"]
+
+
+def test_a_space_enters_itself_with_its_clusters_when_it_is_built_and_built_again(
+    lake: Path, made: Path, call: Call
+) -> None:
+    for _ in range(2):
+        assert call("space", "build", made / "mining", "--out", lake / "space")[0] == 0
+        spaces, clusters = (lake_find(kinds=(kind,)) for kind in ("space", "cluster"))
+        assert [*spaces["folder"]] == [str(lake / "space")]
+        assert len(clusters) > 0
+        assert {*clusters["folder"]} == {str(lake / "space")}

@@ -15,6 +15,7 @@ from resealed import edit
 from swept import state_hashes
 
 from resim.core.errors import InputError
+from resim.core.files import file_hash
 from resim.recordings.content import content_hash
 from resim.results import write_parquet
 from resim.results.entry import CatalogEntry, CatalogInput
@@ -46,8 +47,10 @@ def test_a_run_is_told_by_its_sources(made: Path) -> None:
 def test_an_assessment_without_criteria_is_not_judged(made: Path) -> None:
     found = read_entry(made / "assessment")
     assert (found.kind, found.name, found.verdict, found.counts) == ("assessment", "cut_in_brake", "", {})
+    run = read_entry(made / "run")
     assert hashes(found.inputs) == {
-        k: v for k, v in hashes(read_entry(made / "run").inputs).items() if k not in ("criteria", "map")
+        **{k: v for k, v in hashes(run.inputs).items() if k not in ("criteria", "map")},
+        "run": file_hash(made / "run" / "report.json"),
     }
 
 

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import socket
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -237,3 +238,85 @@ def test_a_space_that_says_nonsense_is_told_of_on_the_dashboard(
     assert "or holds something else" in user.get("/").text
     with pytest.raises(InputError):
         supervisor.file("i", ("space",))
+
+
+@pytest.mark.parametrize(
+    ("given", "proxy", "client"),
+    [
+        ({}, "", "10.0.0.1"),
+        ({"x-forwarded-for": "192.0.2.7"}, "", "10.0.0.1"),  # nobody said that there is a proxy
+        ({"x-forwarded-for": "192.0.2.7"}, "10.0.0.2", "10.0.0.1"),  # it is another one
+        ({"x-forwarded-for": "192.0.2.7"}, "10.0.0.1", "192.0.2.7"),
+        (
+            {"x-forwarded-for": "1.2.3.4, 192.0.2.7"},
+            "10.0.0.1",
+            "192.0.2.7",
+        ),  # the first is what the client said
+        ({"x-forwarded-for": "192.0.2.7, nonsense"}, "10.0.0.1", "10.0.0.1"),
+        ({"x-forwarded-for": ""}, "10.0.0.1", "10.0.0.1"),
+        ({"x-forwarded-for": "2001:DB8::1"}, "10.0.0.1", "2001:db8::1"),
+    ],
+)
+def test_clients_are_told_apart_behind_the_stated_proxy_alone(
+    given: dict[str, str], proxy: str, client: str
+) -> None:
+    from starlette.datastructures import Headers
+
+    from resim.supervisor.guard import client_of
+
+    assert client_of({"client": ("10.0.0.1", 1)}, Headers(given), proxy) == client
+
+
+def test_tries_of_one_behind_the_proxy_keep_no_other_out(supervisor: Any) -> None:
+    from starlette.testclient import TestClient
+
+    from resim.supervisor.app import make_app
+
+    door = replace(supervisor.settings.door, proxy="10.0.0.1")
+    supervisor.settings = replace(supervisor.settings, door=door)
+    app = make_app(supervisor)
+    client = TestClient(app, base_url=ORIGIN, client=("10.0.0.1", 1))
+
+    def tried(token: str, of: str) -> int:
+        return int(client.get("/", params={"token": token}, headers={"x-forwarded-for": of}).status_code)
+
+    assert {tried("wrong", "192.0.2.7") for _ in range(30)} == {401, 429}
+    assert tried(supervisor.access.tokens["administer"], "192.0.2.8") == 200
+    assert tried(supervisor.access.tokens["administer"], f"192.0.2.8, {'192.0.2.7'}") == 429
+
+
+def test_large_forms_push_nothing_out_of_the_trail(supervisor: Any, user: Any, seal: str) -> None:
+    user.post("/jobs/check", data={"seal": seal, "first": "x"}, headers={"origin": ORIGIN})
+    large = {"seal": seal, **{f"field{k}": "y" * 400 for k in range(150)}}
+    for _ in range(60):
+        user.post("/jobs/check", data=large, headers={"origin": ORIGIN})
+    lines = supervisor.audit.path.read_bytes().splitlines()
+    assert max(map(len, lines)) < 3_000
+    seen = [dict(map(tuple, line["form"])) for line in supervisor.audit.last(1000)]
+    assert len(seen) == 122
+    assert seen[-1] == {"first": "x"}
+    assert "…" in seen[0]
+    assert supervisor.audit.last(2, first=120) == supervisor.audit.last(1000)[-2:]
+    pages = [user.get(f"/trail?first={first}").text.count("<tr>") for first in (0, 50, 100, 150)]
+    assert pages == [51, 51, 23, 0]
+
+
+NUL = (
+    "/lake?text=a%00b",
+    "/experiments?text=%00",
+    "/jobs/run?recording=%00",
+    "/results/a%00",
+    "/events?task=%00",
+)
+
+
+@pytest.mark.parametrize("path", NUL)
+def test_a_nul_byte_in_an_address_is_refused(user: Any, path: str) -> None:
+    assert user.get(path).status_code == 400
+
+
+def test_a_nul_byte_in_a_form_is_refused(user: Any, seal: str) -> None:
+    for name, value in (("recordings", "a\0b"), ("a\0b", "1")):
+        answer = user.post("/jobs/check", data={"seal": seal, name: value}, headers={"origin": ORIGIN})
+        assert answer.status_code == 400
+        assert "NUL" in answer.text

@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import re
 import time
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -321,3 +322,34 @@ def test_pages_of_many_drives_and_results_come_soon(supervisor: Any, user: Any, 
         assert answer.status_code == 200
         assert len(answer.text) < 120_000  # of thousands, one page
         assert time.monotonic() - begin < 5.0  # it does not hang; docs/validation.md has figures
+
+
+def test_a_recording_with_its_map_is_downloaded_as_a_crate_by_those_who_may_run(
+    supervisor: Any, user: Any, tmp_path: Path
+) -> None:
+    (drive,) = [i for i in supervisor.files("recording", most=20) if i.name == "cut_in_brake"]
+    assert f'href="/crate/{drive.id}"' in user.get(f"/experiments/{drive.id}").text
+    answer = user.get(f"/crate/{drive.id}")
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "application/zip")
+    assert "attachment" in answer.headers["content-disposition"]
+    (tmp_path / "crate.zip").write_bytes(answer.content)
+    with zipfile.ZipFile(tmp_path / "crate.zip") as archive:
+        archive.extractall(tmp_path / "crate")
+    (found,) = (tmp_path / "crate").rglob("recording.toml")
+    assert (found.parent / "gt.csv").read_bytes() == (DRIVE / "gt.csv").read_bytes()
+    assert user.get(f"/crate/{drive.id}").status_code == 200  # the first one left nothing locked
+    assert user.get("/crate/nothing").status_code == 404
+    known = Catalog(supervisor.catalog.name)
+    known.add(gone := entry())
+    assert user.get(f"/crate/{gone.id}").status_code == 409  # its folder is on another machine
+    user.cookies.clear()
+    user.get("/", params={"token": supervisor.access.tokens["look"]})
+    assert user.get(f"/crate/{drive.id}").status_code == 403
+    assert "/crate/" not in user.get(f"/experiments/{drive.id}").text
+
+
+def test_code_in_help_is_shown_as_code_and_markup_never_is() -> None:
+    from resim.supervisor.words import coded
+
+    assert coded("what `resim <b>` wrote") == "what <code>resim &lt;b&gt;</code> wrote"
+    assert coded("one ` <b>") == "one ` &lt;b&gt;"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from resim.report.view import EGO_COLORS, SEEDS, TO_COLORS
 
@@ -30,8 +30,22 @@ class LayerColors:
     fill: float
 
 
-def layer_colors(name: str) -> LayerColors:
-    """Give how a layer is drawn: as in the reports by basis, dashed where simulated, dotted where perceived."""
+FURTHER = (
+    ("#8a4b00", "#ffb35c"), ("#6b2fa3", "#cda6ff"), ("#00706b", "#4fd8d0"), ("#a3163f", "#ff8aa8"),
+    ("#4d6600", "#b5d94c"),
+)  # fmt: skip
+"""Of the EGOs of further drives above the first, by turns, on light and dark paper; others are in grey."""
+GREY = ("#6b6b6b", "#a8a8a8")
+
+
+def layer_colors(name: str, of: int = 0) -> LayerColors:
+    """Give how a layer is drawn: as in the reports by basis, dashed where simulated, dotted where perceived.
+
+    of: of which of several drives above each other it is; further ones have colours of their own.
+    """
+    if of:
+        first = layer_colors(name.rpartition(" ")[0])
+        return replace(first, ego=FURTHER[(of - 1) % len(FURTHER)], other=GREY)
     if name == BUNDLE:
         return LayerColors(_both(SEEDS), _both(SEEDS), (), 0.0)
     if name.startswith("perceived"):

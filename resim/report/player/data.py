@@ -171,7 +171,7 @@ def _layer(layer: Layer, origin: Floats) -> LayerData:
             plans.append((when, plan))
             last = when
     return LayerData(
-        layer.name, layer.title, layer.shown, layer_colors(layer.name), packed_tracks(layer.tracks, origin),
+        layer.name, layer.title, layer.shown, layer_colors(layer.name, layer.of), packed_tracks(layer.tracks, origin),
         packed_plans(plans, origin), None if layer.danger is None else _danger(layer.danger),
         None if layer.acceleration is None else _acceleration(layer.acceleration),
     )  # fmt: skip

@@ -65,7 +65,8 @@ class Layer:
     """One source of a drive: who was where, the plans that the EGO made, and curves; shown: from the start on.
 
     plans: when [s] each was made, and t, x, y, v (K, 4). assessed: what it was judged to be, if it was. maneuvers: rows
-    of object, label, start, end [s] and partner, None where nobody looked for any.
+    of object, label, start, end [s] and partner, None where nobody looked for any. of: of which of several drives
+    above each other, from 0.
     """
 
     name: str
@@ -77,11 +78,13 @@ class Layer:
     shown: bool = True
     assessed: DriveAssessment | None = None
     maneuvers: pd.DataFrame | None = None
+    of: int = 0
 
     @property
     def is_sensed(self) -> bool:
         """Whether it is what sensors saw, measured or simulated, and not where everybody was."""
-        return self.name == "SD" or self.name.startswith("perceived")
+        basis = self.name.rpartition(" ")[0] if self.of else self.name
+        return basis == "SD" or basis.startswith("perceived")
 
 
 @dataclass(frozen=True)

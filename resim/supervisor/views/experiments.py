@@ -1,0 +1,56 @@
+"""Measured drives."""
+
+from __future__ import annotations
+
+from starlette.requests import Request
+
+from resim.results.lake import (
+    LakePage,
+    LakeQuery,
+    find_page,
+)
+from resim.results.scanning import roots_of
+from resim.supervisor.experiments import STEPS
+from resim.supervisor.parts import Supervisor
+from resim.supervisor.views.common import (
+    EACH,
+    RESULTS,
+    MissingError,
+    Told,
+    first_of,
+    paging_of,
+    text_of,
+)
+
+
+def experiments(supervisor: Supervisor, request: Request) -> Told:
+    """All measured drives, by name and state."""
+    text, state, first = text_of(request, "text"), text_of(request, "state"), first_of(request)
+    shown, page = supervisor.experiments.page(text, state, first, EACH)
+    return "experiments.html", {
+        "experiments": shown, "paging": paging_of(request, first, page), "text": text, "state": state,
+        "steps": STEPS, "scanned": supervisor.changes.scanned,
+        "folders": [str(f) for f in roots_of(supervisor.catalog)],
+    }  # fmt: skip
+
+
+def experiment(supervisor: Supervisor, request: Request) -> Told:
+    """One measured drive: its files, steps and results, and the jobs that can be started with it."""
+    found = supervisor.experiments.get(request.path_params["name"][:40])
+    if found is None:
+        raise MissingError("There is no such recording.")
+    one = found.item
+    kinds = {"recording", "drive"}
+    jobs = [
+        (form, field.name)
+        for form in supervisor.settings.forms
+        for field in form.fields
+        if one.host == supervisor.queue.host and kinds & {*field.of}
+    ]
+    told = LakeQuery(kinds=RESULTS, hashes=(one.digest,))
+    results = find_page(supervisor.catalog, told, most=EACH) if one.digest else LakePage((), 0, False)
+    return "experiment.html", {
+        "one": one, "tables": found.tables, "rows": found.steps, "verified": found.verified, "steps": STEPS,
+        "above": [("drives", one.id), *(("drives", f"result-{r.id}") for r in results.items if r.kind == "run")][:6],
+        "results": results.items, "count": results.count, "jobs": jobs,
+    }  # fmt: skip

@@ -1,0 +1,64 @@
+"""Everything that the lake knows, and one thing of it."""
+
+from __future__ import annotations
+
+from starlette.requests import Request
+
+from resim.jobs.lake import links_of
+from resim.results.lake import (
+    ITEM_KINDS,
+    SORTS,
+    LakeQuery,
+    SortKey,
+    find_page,
+)
+from resim.results.reading import VERDICTS
+from resim.supervisor.parts import Supervisor
+from resim.supervisor.views.common import (
+    EACH,
+    MissingError,
+    Told,
+    first_of,
+    link_to,
+    links_in,
+    paging_of,
+    text_of,
+)
+
+FILTERS = ("text", "tag", "maneuver", "place", "weather", "finding", "verdict", "build")
+
+
+def lake(supervisor: Supervisor, request: Request) -> Told:
+    """Everything that there is, by the filters of `resim lake find`."""
+    given = {name: text_of(request, name) for name in (*FILTERS, "kind", "risk_above", "risk_below", "sort")}
+    kinds = tuple(k for k in ITEM_KINDS if k == given["kind"])
+    sort: SortKey = next((s for s in SORTS if s == given["sort"]), "written")
+    risks = {name: _number(given[name]) for name in ("risk_above", "risk_below")}
+    query = LakeQuery(kinds=kinds, **risks, **{name: given[name] for name in FILTERS})  # type: ignore[arg-type]
+    first = first_of(request)
+    page = find_page(supervisor.catalog, query, sort=sort, first=first, most=EACH)
+    return "lake.html", {
+        "items": [(item, link_to(item)) for item in page.items], "paging": paging_of(request, first, page),
+        "given": given, "query": given["text"], "kinds": ITEM_KINDS, "verdicts": VERDICTS, "sorts": [*SORTS],
+        "filtered": any(given.values()),
+    }  # fmt: skip
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def thing(supervisor: Supervisor, request: Request) -> Told:
+    """One thing of the lake: what it came from, and what came of it."""
+    found = supervisor.catalog.entries([request.path_params["name"][:40]])
+    if not found:
+        raise MissingError("There is no such thing.")
+    linked = links_of(supervisor.catalog, found[0])
+    return "thing.html", {
+        "one": found[0], "state": found[0].state(), "links": links_in(supervisor, found[0]), "count": linked.count,
+        "followers": [(item, link_to(item)) for item in linked.followers], "command": linked.command,
+        "origin": linked.origin,
+    }  # fmt: skip

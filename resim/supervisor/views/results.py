@@ -1,0 +1,81 @@
+"""Results, and one of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from starlette.requests import Request
+
+from resim.core.errors import InputError
+from resim.jobs.lake import links_of
+from resim.results.entry import KINDS, CatalogEntry
+from resim.results.kpis import kpi_moments
+from resim.results.lake import (
+    LakeQuery,
+    find_page,
+)
+from resim.results.queue import QueuedTask
+from resim.results.reading import VERDICTS
+from resim.results.scanning import is_utf8
+from resim.supervisor import documents
+from resim.supervisor.coverage import coverage_of
+from resim.supervisor.parts import Supervisor
+from resim.supervisor.views.common import (
+    EACH,
+    MOST_OUTCOMES,
+    RESULTS,
+    Told,
+    entry_of,
+    first_of,
+    link_to,
+    links_in,
+    paging_of,
+    text_of,
+)
+
+
+def results(supervisor: Supervisor, request: Request) -> Told:
+    """All results, the newest first."""
+    kind, verdict, first = text_of(request, "kind"), text_of(request, "verdict"), first_of(request)
+    text = text_of(request, "text")
+    kinds = tuple(k for k in RESULTS if k == kind) or RESULTS
+    page = find_page(supervisor.catalog, LakeQuery(text, kinds, verdict=verdict), first=first, most=EACH)
+    return "results.html", {
+        "results": page.items, "paging": paging_of(request, first, page), "text": text, "kind": kind,
+        "verdict": verdict, "kinds": [*KINDS], "verdicts": VERDICTS,
+    }  # fmt: skip
+
+
+def result(supervisor: Supervisor, request: Request) -> Told:
+    """One result: what went in, what came out, its pages."""
+    entry = entry_of(supervisor, request.path_params["name"])
+    state = entry.state()
+    there = state in ("there", "changed")
+    pages = documents.pages(entry.folder) if there else []
+    linked = links_of(supervisor.catalog, entry)
+    held = supervisor.catalog.of_folder(entry.folder) if state == "changed" else []
+    return "result.html", {
+        "one": entry, "state": state, "pages": [p for p in pages if "/" not in p],
+        "below": [p for p in pages if "/" in p], "data": _data(entry.folder) if there else [],
+        "links": links_in(supervisor, entry), "outcomes": entry.outcomes[:MOST_OUTCOMES],
+        "maker": _maker(supervisor, entry), "command": linked.command, "origin": linked.origin,
+        "followers": [(item, link_to(item)) for item in linked.followers], "count": linked.count,
+        "holds": next((e for e in held if e.id != entry.id and e.state() == "there"), None),
+        "moments": kpi_moments(entry.folder) if there and entry.kind in ("run", "assessment") else [],
+        "player": next((page for page in ("report.html", "assessment.html") if page in pages), ""),
+        "coverage": coverage_of(entry) if entry.kind == "space" and there else None,
+    }  # fmt: skip
+
+
+def _maker(supervisor: Supervisor, entry: CatalogEntry) -> QueuedTask | None:
+    """The task that wrote a result, if one did."""
+    try:
+        found = supervisor.queue.get(entry.folder.parent.name)
+    except InputError:
+        return None
+    return found if Path(found.folder) == entry.folder.parent else None
+
+
+def _data(folder: Path) -> list[str]:
+    names = sorted(p.name for p in folder.iterdir() if p.suffix in (".json", ".xml", ".parquet", ".toml"))
+    return [name for name in names if not name.startswith(".") and is_utf8(Path(name))]
