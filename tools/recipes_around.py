@@ -27,6 +27,8 @@ THING = {"kind": "unknown", "length": 1.5, "width": 1.2}
 BARRIER = {"kind": "unknown", "length": 1.2, "width": 0.5}
 STRONG = 4.2
 """m/s² by which the EGO brakes for those who cross."""
+SLIPS = (0.0, 0.5, -0.45, 0.2, 0.0)
+"""rad to the left of its motion, one after the other, by which a vehicle that skids is turned."""
 FAR, HIT = 165.0, 5.5
 """m of the motorway ahead of the EGO where somebody is, and when [s] the EGO is there at its usual speed."""
 
@@ -198,6 +200,38 @@ def _animals(stage: Stage) -> Iterator[RecipeText]:
     yield from crashes(stage, CRASH, "Animal", "animal", ANIMAL, 2.5)
 
 
+def _control_losses(stage: Stage) -> Iterator[RecipeText]:
+    """Who skids is turned against its motion, to one side and the other, until it catches itself."""
+    asked = ("HEADING_DISAGREES", "SPEED_DISAGREES")
+    for name, row, text, lane, begin, changes in (
+        (
+            "control_loss", "Without" if stage is HIGHWAY else "without",
+            "A vehicle ahead loses control, skids and catches itself", stage.ego, 2.0, [],
+        ),
+        (
+            "control_loss_after_maneuver", "with", "A vehicle changes lane ahead of the EGO, skids and catches itself",
+            stage.left, 3.8, [change("right", 0.5, 3.0)],
+        ),
+    ):  # fmt: skip
+        slows_down = profile((0.0, stage.v), (begin, stage.v), (begin + 2.5, round(0.8 * stage.v, 1)))
+        skids = profile(
+            *((round(begin + t, 1), slip) for t, slip in zip((0.0, 0.6, 1.4, 2.2, 3.0), SLIPS, strict=True))
+        )
+        yield recipe(
+            stage,
+            name,
+            (f"{CRASH} / Control loss {row} prior vehicle action",),
+            text,
+            ego(stage, profile((0.0, stage.v), (begin, stage.v), (begin + 4.0, 0.75 * stage.v))),
+            on(
+                stage, "other", lane, 75.0, slows_down, change=changes, slip=skids,
+                maneuver=[{"label": "skidding", "start": begin + 0.3, "end": begin + 1.9, "t": begin + 0.6}],
+            ),
+            duration=9.0,
+            accept=asked,
+        )  # fmt: skip
+
+
 def _accidents(stage: Stage) -> Iterator[RecipeText]:
     v = stage.v
     touches = (
@@ -214,6 +248,7 @@ def _accidents(stage: Stage) -> Iterator[RecipeText]:
         overlaps=(("front", "behind"),),
         duration=10.0,
     )
+    yield from _control_losses(stage)
     outer = stage.right if stage is HIGHWAY else stage.ego
     yield recipe(
         stage,

@@ -14,6 +14,7 @@ import signal
 import sys
 from collections.abc import Callable
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeVar
 
 import typer
@@ -75,6 +76,13 @@ Accept = Annotated[
     ),
 ]
 """Errors despite which a command continues."""
+Labels = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Thresholds and own labels (TOML); default: scenarios/mining/labels.toml."
+    ),
+]
+"""Which maneuvers are looked for, and how."""
 
 
 class DecidingSource(StrEnum):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, app, command
+from resim.cli.app import Accept, Labels, app, command
 from resim.cli.terminal import add_to_json, say
 
 if TYPE_CHECKING:
@@ -73,9 +73,9 @@ def rosbag(drive: Drive, out: Out, accept: Accept = None) -> None:
 
 
 @command(exports, "openlabel")
-def openlabel(drive: Drive, out: Out, accept: Accept = None) -> None:
+def openlabel(drive: Drive, out: Out, labels: Labels = None, accept: Accept = None) -> None:
     """Write every source of a drive as OpenLABEL: objects, decisions, what happened, and tags with the verdict."""
-    _export("openlabel", drive, out, accept)
+    _export("openlabel", drive, out, accept, labels)
 
 
 @command(exports, "rocrate")
@@ -96,10 +96,10 @@ def rocrate(
     say(f"{found.drive}: {found.format}: {len(found.files)} files: {out}")
 
 
-def _export(form: str, drive: Path, out: Path, accept: list[str] | None) -> None:
+def _export(form: str, drive: Path, out: Path, accept: list[str] | None, labels: Path | None = None) -> None:
     from resim.jobs.export import export_drive
 
-    _tell(out, export_drive(drive, out, form, accept=accept or []))
+    _tell(out, export_drive(drive, out, form, accept=accept or [], labels=labels))
 
 
 def _tell(out: Path, found: ExportReport) -> None:

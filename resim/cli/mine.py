@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import Accept, Workers, app, command
+from resim.cli.app import Accept, Labels, Workers, app, command
 from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 from resim.core.errors import InputError
@@ -35,12 +35,7 @@ class WrittenScenarios(StrEnum):
 def mine(
     recordings: Annotated[list[Path], typer.Argument(help="Recording folders.")],
     out: Annotated[Path, typer.Option(help="Folder to write.")],
-    labels: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Thresholds and own labels (TOML); default: scenarios/mining/labels.toml."
-        ),
-    ] = None,
+    labels: Labels = None,
     around: Annotated[
         str | None,
         typer.Option(

@@ -157,7 +157,8 @@ def cover(
     found = job.cover(space, sweep, job.CoverOptions(within, tuple(held_out or ())))
     members = sum(one.counted for one in found.clusters)
     known = sum(bool(one.values) for one in found.clusters)
-    say(f"{found.label}: {found.drives} verified test drives, {members} simulated members count")
+    drives = counted(found.drives, "verified test drive")
+    say(f"{found.label}: {drives}, {counted(members, 'simulated member')} that count{'s' * (members == 1)}")
     say(f"{known} of {len(found.clusters)} clusters have a member that counts")
     say(f"predicted risk: {'not shown' if found.calibration is None else found.calibration.verdict}")
     for note in found.notes:

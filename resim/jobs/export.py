@@ -17,16 +17,20 @@ import pandas as pd
 from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import file_hash
+from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
 from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import EXACT, to_json
 from resim.core.tracks import Tracks
+from resim.execution.child import Failure
+from resim.execution.workers import run_all
 from resim.exports.rocrate import FILE as ROCRATE
 from resim.exports.rocrate import crate, write
 from resim.jobs.given import path_of
 from resim.jobs.play import played_drive
 from resim.mining.features import features
 from resim.mining.find import find_maneuvers
+from resim.mining.own_labels import LIMIT, MiningRules, read_rules, rules_of
 from resim.mining.rows import maneuver_frame
 from resim.recordings import Recording
 from resim.recordings.checked import load_checked
@@ -169,7 +173,7 @@ FORMS: Mapping[str, ExportForm] = {
 
 
 def export_drive(
-    drive: str | Path, out: str | Path, form: str, *, accept: Collection[str] = ()
+    drive: str | Path, out: str | Path, form: str, *, accept: Collection[str] = (), labels: Path | None = None
 ) -> ExportReport:
     """Write a drive in one of FORMS, with the map beside.
 
@@ -178,6 +182,7 @@ def export_drive(
         out: Folder; earlier files of an export there are replaced.
         form: Its name.
         accept: Codes of findings in a recording to continue despite.
+        labels: Thresholds and own labels of maneuvers, as `mine` takes them; None for what ships.
 
     Returns:
         What was written.
@@ -197,7 +202,7 @@ def export_drive(
     played = _played(path, accept)
     _check_clock(path, played, made)
     if made.labelled:
-        played = replace(played, layers=tuple(_labelled(layer, played.network) for layer in played.layers))
+        played = _labelled(played, read_rules(labels))
     with whole_folder(folder, EXPORT, (played.network.path,)) as new:
         road = played.network.path
         sources = importlib.import_module(made.module).write(played, new)
@@ -211,12 +216,32 @@ def export_drive(
     return report
 
 
-def _labelled(layer: Layer, network: RoadNetwork) -> Layer:
-    """A source with the maneuvers that `resim mine` finds in it; of what sensors perceived nothing is looked for."""
+def _labelled(played: PlayedDrive, rules: MiningRules) -> PlayedDrive:
+    """A drive with the maneuvers that `resim mine` finds in it; of what sensors perceived nothing is looked for."""
+    if rules.frozen is None or not rules.own:
+        layers = tuple(_with_maneuvers(layer, played.network, rules) for layer in played.layers)
+        return replace(played, layers=layers)
+    task = played.layers, played.network.path, rules.frozen
+    limit = LIMIT * (1 + len(rules.own)) * len(played.layers)
+    ((_, found),) = run_all(_label_layers, [task], workers=1, time_limit=limit)
+    if isinstance(found, Failure):
+        raise InputError(rules.frozen.path, f"its labels could not be found: {found.reason}")
+    return replace(played, layers=found)
+
+
+def _label_layers(task: tuple[tuple[Layer, ...], Path, FrozenFile]) -> tuple[Layer, ...]:
+    """Find maneuvers in a child, by labels of the user's own from their frozen copy."""
+    layers, road, frozen = task
+    network, rules = load(road), rules_of(frozen)
+    return tuple(_with_maneuvers(layer, network, rules) for layer in layers)
+
+
+def _with_maneuvers(layer: Layer, network: RoadNetwork, rules: MiningRules) -> Layer:
     if layer.is_sensed:
         return layer
     found = features(layer.tracks, network)
-    return replace(layer, maneuvers=maneuver_frame(layer.name, found, find_maneuvers(found)))
+    maneuvers = find_maneuvers(found, rules.settings, rules.own)
+    return replace(layer, maneuvers=maneuver_frame(layer.name, found, maneuvers))
 
 
 def _copy_map(road: Path, folder: Path) -> None:

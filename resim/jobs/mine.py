@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -143,8 +143,8 @@ def mine(
         told: dict[str, MinedPart | MinedFailure] = {}
         workers = options.workers or os.cpu_count() or 1
         for one in finished(_mined(named, target, study, options, workers), target, workers):
-            told[one.recording] = one
             heard(one)
+            told[one.recording] = one if isinstance(one, MinedFailure) else replace(one, files={})
         parts = [one for name in named if isinstance(one := told[name], MinedPart)]
         failures = [one for name in named if isinstance(one := told[name], MinedFailure)]
         if not parts:
@@ -313,9 +313,8 @@ def _finish(
         files={name: file_hash(target / name) for name in (f"{table}.parquet" for table in TABLES)},
     )  # fmt: skip
     write_json(sealed(to_json(report)), target / MARK)
-    result = MiningResult(target, report)
-    write_mined_page(report, result.maneuvers, result.scenarios, target)
-    return result
+    write_mined_page(report, target)
+    return MiningResult(target, report)
 
 
 def _trigger(study: StudyOptions) -> list[str]:

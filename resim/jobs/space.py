@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -40,10 +40,18 @@ from resim.results import (
     write_parquet,
 )
 from resim.space.build import BucketDone, build_space, grow_space, usual_threshold
+from resim.space.calibration import ReliabilityReport
 from resim.space.comparison import SpaceComparison, compare_spaces, together
 from resim.space.folder import REMEDY, read_report, read_space, write_space
 from resim.space.limits import read_limits
-from resim.space.members import SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
+from resim.space.members import (
+    DrivenTraces,
+    SimulatedRun,
+    TestDrive,
+    clusters_of,
+    judged_members,
+    not_mined,
+)
 from resim.space.model import Space
 from resim.space.page import (
     write_comparison_page,
@@ -54,7 +62,7 @@ from resim.space.page import (
 from resim.space.release import ReleaseReport, decide
 from resim.space.report import MARK, SpaceReport
 from resim.space.risk import MARK as COVER
-from resim.space.risk import CoverReport, calibrated, cluster_risks, cover_notes
+from resim.space.risk import CoverReport, calibrated, cluster_risks, cover_notes, predicted_risks
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 from resim.space.sources import read_mined
 
@@ -234,14 +242,14 @@ def cover(
     members = judged_members(found, [run for one in every for run in one.runs], drives, known, within)
     risks = cluster_risks(found, members, first.build)
     spared = _spared(every, [one for _, one in held])
-    calibration = None if not held else calibrated(risks, spared, clusters_of(found, known))
+    calibration = None if not held else _calibration(found, members, first.build, spared, known)
     with locked(folder, "another `resim space`"), explain_os_errors(folder):
         files = _write_members(folder, members, next((one.traffic for one in every if one.traffic), ""))
         report = CoverReport(
             versions(), files, file_hash(folder / MARK), first.build, first.label, first.perception, within,
             _verified(drives),
             not_mined(found, accidents(one for _, one in (*given, *held)), known), risks, calibration,
-            tuple(cover_notes(members, drives)),
+            (*cover_notes(members, drives), *_mined_whole(found, spared)),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)
         write_cover_page(found, told, report, folder)
@@ -257,6 +265,33 @@ def _spared(given: Sequence[Simulated], held: Sequence[Simulated]) -> list[Simul
     if len({run.same for run in spared}) < len(spared):
         raise InputError("--held-out", "the same run is there twice", "Name each drive once.")
     return spared
+
+
+def _calibration(
+    space: Space, members: pd.DataFrame, build: str, spared: Sequence[SimulatedRun], known: DrivenTraces
+) -> ReliabilityReport:
+    """Whether predicted risk is to be believed, by predictions that know nothing of the drives that are held out."""
+    held = {run.recording for run in spared}
+    risks = predicted_risks(space, members, build, [known.scenario.get(key, "") for key in held])
+    whole = _whole(space)
+    clusters = {key: name for key, name in clusters_of(space, known).items() if key not in whole}
+    return calibrated(risks, spared, clusters)
+
+
+def _whole(space: Space) -> set[str]:
+    """Recordings that were mined for the space, by content: which of its scenarios are of them is not known."""
+    return {content for one in space.sources for content in one.recordings}
+
+
+def _mined_whole(space: Space, spared: Sequence[SimulatedRun]) -> Iterator[str]:
+    """A note where nothing is predicted of drives that are held out, since the space was mined of them."""
+    whole = _whole(space)
+    count = sum(run.recording in whole for run in spared)
+    if count:
+        yield (
+            f"{count} held-out drives are of recordings that the space was mined of, and nothing is predicted of them: "
+            "hold out their scenarios (`resim mine --scenarios recordings`), or other drives"
+        )
 
 
 def _write_members(folder: Path, members: pd.DataFrame, traffic: str) -> dict[str, str]:

@@ -1,8 +1,8 @@
 """The study: recordings one after the other, each mined, its tables and scenarios written, and then forgotten.
 
 The folder: `parts/<recording>/` with the tables of each and `part.json`, by which a recording that was mined before is
-known (`cut.json` while its scenarios are being fitted); `recordings/`, `maps/<map>/` with the map and the JSCEN files;
-and of all together maneuvers.parquet and scenarios.parquet.
+known (`cut.json` while its scenarios are being fitted); `pages/` with a page of each; `recordings/`, `maps/<map>/` with
+the map and the JSCEN files; and of all together maneuvers.parquet and scenarios.parquet.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from resim.mining.find import find_maneuvers
 from resim.mining.maneuver import LabelledManeuver
 from resim.mining.overview import overview_frame
 from resim.mining.own_labels import MiningRules
+from resim.mining.page import PAGES, write_recording_page
 from resim.mining.rows import maneuver_frame, scenario_frame
 from resim.mining.samples import VEHICLES
 from resim.mining.scenario_files import (
@@ -75,7 +76,7 @@ class MinedPart:
         vehicles_per_ego: Mean number of others that are there during an EGO's life, NaN without an EGO.
         egos: How many EGOs have 0, 1, 2, ... scenarios.
         lifetime: Mean life [s] of an EGO.
-        files: SHA-256 of its files, by their paths in the study's folder.
+        files: SHA-256 of its files, by their paths in the study's folder; in `part.json` alone.
         ego_hours: Hours [h] on lanes of the recording's own EGO.
         ego_kilometres: Its kilometres [km] on lanes.
         ego: Its id.
@@ -240,7 +241,7 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     content, key = content_hash(folder), options.key()
     part = out / "parts" / name
     if (before := _kept(part, out, content, key)) is not None:
-        return before
+        return replace(before, folder=seen_from(out, folder))  # of the same content, wherever it lies now
     forget_scenarios(out, name)
     shutil.rmtree(part, ignore_errors=True)
     recording = load_checked(folder, accept=options.accept)
@@ -253,9 +254,10 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
         source = CutSource(mined.recording, read_tables(folder), reach)
         frame = write_scenarios(source, mined.scenarios, frame, out, fit=options.fit)
     part.mkdir(parents=True, exist_ok=True)
-    write_parquet(maneuver_frame(name, mined.features, mined.maneuvers), part / "maneuvers.parquet")
-    write_parquet(frame, part / "scenarios.parquet")
-    write_parquet(overview_frame(mined.features), part / "overview.parquet")
+    frames = maneuver_frame(name, mined.features, mined.maneuvers), frame, overview_frame(mined.features)
+    for table, rows in zip(PART_TABLES, frames, strict=False):
+        write_parquet(rows, part / f"{table}.parquet")
+    write_recording_page(mined, name, frames, out)
     slots = slot_frame(mined.names, slot_traces(mined.features, mined.scenarios))
     write_parquet(slots, part / "slots.parquet")
     return _write_mark(summary(mined, name, seen_from(out, folder), (content, key)), part / CUT, out)
@@ -308,7 +310,8 @@ def _write_mark(told: MinedPart, file: Path, out: Path) -> MinedPart:
 
 
 def _files(recording: str, out: Path) -> Iterator[str]:
-    """The files of a part, seen from the study's folder: its tables, its scenarios, and JSCEN files that there are."""
+    """The files of a part, seen from the study's folder: tables, page, scenarios, and JSCEN files that there are."""
+    yield f"{PAGES}/{recording}.html"
     yield from (f"parts/{recording}/{table}.parquet" for table in PART_TABLES)
     rows = read_parquet(out / "parts" / recording / "scenarios.parquet")
     for folder, file in zip(rows["folder"].fillna(""), rows["jscen"].fillna(""), strict=True):

@@ -64,6 +64,7 @@ MINING = FolderKind(
     re.compile(rf"\.?mined\.(json|html)|\.?(maneuvers|scenarios|slots)\.parquet|{HALF.pattern}"),
     deep={
         "parts": re.compile(r"[^/]+/\.?((part|cut)\.json|(maneuvers|scenarios|overview|slots)\.parquet)"),
+        "pages": re.compile(r"\.?[^/]+\.html|scripts\.css"),
         "recordings": re.compile(r"[^/]+/(recording\.toml|(gt|sd|plan)\.(csv|parquet))"),
         "maps": re.compile(r"[^/]+/\.?[^/]+\.(xodr|jscen\.json)(\.\d+\.new)?"),
     },

@@ -149,16 +149,19 @@ def _origin(path: Path) -> tuple[list[str], list[CatalogInput]]:
     found = next((p for p in [*path.parents][:3] if (p / _MINED).is_file()), None)
     if found is None:
         return [], []
-    own = f"{path.relative_to(found).as_posix()}"
+    own = path.relative_to(found).as_posix()
     mined = [CatalogInput("mining", found.name, str(found), digest(found, "mining"))]
-    mined += [
-        CatalogInput(
-            "recording", part["recording"], str(joined(found / _MINED, part["folder"])), part["content"]
-        )
-        for part in read_sealed(found / _MINED, "Mine it again.")["parts"]
-        if any(file == own or file.startswith(f"{own}/") for file in part["files"])
-    ]
-    return [os.path.relpath(found / _MINED, path if path.is_dir() else path.parent)], mined
+    name = path.name.removesuffix(".jscen.json").rsplit("+", 2)[
+        0
+    ]  # recording, EGO and number, with none in them
+    told = [found / _MINED, found / "parts" / name / "part.json"]
+    if told[1].is_file():
+        part = read_sealed(told[1], "Mine it again.")
+        if any(file == own or file.startswith(f"{own}/") for file in part["files"]):
+            where = str(joined(found / _MINED, part["folder"]))
+            mined.append(CatalogInput("recording", part["recording"], where, part["content"]))
+    start = path if path.is_dir() else path.parent
+    return [os.path.relpath(file, start) for file in told if file.is_file()], mined
 
 
 def _map(path: Path) -> _Contents:

@@ -162,7 +162,7 @@ def _grow_bucket(space: Space, own: Ints, pairs: PairDistances, threshold: float
     left = later[~fits]
     if not len(left):
         return
-    left = left[np.argsort(space.rows["scenario"].to_numpy(str)[own[left]])]
+    left = left[_unordered(space, own[left])]
     part = PairDistances(space.traces.take(own[left]), space.settings.distance)
     if len(left) > space.settings.largest:
         found = cluster_all(part, how, threshold, space.settings.sample, space.settings.seed)
@@ -171,6 +171,15 @@ def _grow_bucket(space: Space, own: Ints, pairs: PairDistances, threshold: float
     number = int(places.number[own[0]])
     new = [f"{number}.{NEW}{k + 1}" for k in range(found.count)]
     places.fill(own[left], new, found, part, np.arange(len(left)))
+
+
+def _unordered(space: Space, rows: Ints) -> Ints:
+    """Sort scenarios by what does not depend on the order in which their sources came, as their names in the space may:
+    by their names in the source, and its content."""
+    content = {one.name: one.hash for one in space.sources}
+    found = space.rows.iloc[rows]
+    hashes = np.array([content[str(name)] for name in found["source"]])
+    return np.lexsort((hashes, found["name"].to_numpy(str)))
 
 
 def _in_order(name: str) -> int:

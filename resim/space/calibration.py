@@ -3,6 +3,7 @@ diagram."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,7 +16,8 @@ from resim.space.statistics.rates import IntervalEstimate, share
 EDGES = (0.0, 1e-4, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0)
 """Of the bins of predicted risk (our choice)."""
 LEAST = 20
-"""Held-out drives in a bin below which nothing is told (our choice): none of 20 is at most 14 %."""
+"""Recordings of which drives are held out in a bin, below which nothing is told (our choice): none of 20 is at most
+14 %. Variations of one recording, and its seeds, are one draw of what traffic does, and tell nothing of others."""
 Calibrated = Literal["calibrated", "too low", "not shown"]
 
 
@@ -27,15 +29,17 @@ class ReliabilityBin:
         low: Lower edge.
         high: Upper edge.
         drives: How many were held out.
-        predicted: Mean predicted risk of them; NaN of none.
+        recordings: Of how many recordings those of known prediction and outcome are.
+        predicted: Mean predicted risk of them.
         collided: Share of them that collided, with the exact interval of all bins together.
-        verdict: `too low` where the prediction lies below the interval; `not shown` for too few drives.
+        verdict: `too low` where the prediction lies below the interval; `not shown` for too few recordings.
     """
 
     low: float
     high: float
     drives: int
-    predicted: IntervalEstimate
+    recordings: int
+    predicted: float
     collided: IntervalEstimate
     verdict: Calibrated
 
@@ -46,8 +50,8 @@ class ReliabilityReport:
 
     Attributes:
         bins: By predicted risk, those with a drive.
-        verdict: `too low` if any bin is; `calibrated` if all have enough drives and none is; else `not shown`. Where a
-            drive has no prediction it may be of any bin: then all that there could be have to have enough.
+        verdict: `too low` if any bin is; `calibrated` if all have enough recordings and none is; else `not shown`.
+            Where a drive has no prediction it may be of any bin: then all that there could be have to have enough.
         drives: How many were held out.
         unknown: Held-out drives without a prediction or an outcome, which speak for nothing.
     """
@@ -58,8 +62,12 @@ class ReliabilityReport:
     unknown: int
 
 
-def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
+def reliability(
+    predicted: Floats, collided: Floats, recording: Sequence[str] | None = None
+) -> ReliabilityReport:
     """Compare predicted risk (K,) with collisions (K,), 1 or 0; NaN where either is not known.
+
+    recording (K,): of which recording each is; each of its own, if None.
 
     A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, and
     neither is one of the drives that a bin needs, so that what is missing never makes it better: with a collision that
@@ -69,6 +77,8 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
     unknown = np.isnan(predicted) | np.isnan(collided)
     told, hit = np.nan_to_num(predicted, nan=0.0), np.nan_to_num(collided, nan=1.0)
     where = _bin(told)
+    of = np.arange(len(told)) if recording is None else np.unique(recording, return_inverse=True)[1]
+    counts = np.array([len(np.unique(of[(where == k) & ~unknown])) for k in range(len(EDGES) - 1)])
     held = np.unique(where).tolist()
     confidence = 1.0 - (1.0 - CONFIDENCE) / max(len(held), 1)
     bins = []
@@ -80,12 +90,12 @@ def reliability(predicted: Floats, collided: Floats) -> ReliabilityReport:
         known = mine & ~unknown
         if known.any() and mean < share(float(hit[known].sum()), float(known.sum()), confidence).low:
             verdict = "too low"
-        elif mean < found.low or known.sum() < LEAST:
+        elif mean < found.low or counts[k] < LEAST:
             verdict = "not shown"
-        near = IntervalEstimate(mean, float(told[mine].min()), float(told[mine].max()), 1.0)
-        bins.append(ReliabilityBin(EDGES[k], EDGES[k + 1], int(mine.sum()), near, found, verdict))
+        edges, drives = (EDGES[k], EDGES[k + 1]), int(mine.sum())
+        bins.append(ReliabilityBin(*edges, drives, int(counts[k]), mean, found, verdict))
     lost = np.isnan(predicted)
-    enough = (np.bincount(where[~unknown], minlength=len(EDGES) - 1) >= LEAST).all()
+    enough = (counts >= LEAST).all()
     every = {one.verdict for one in bins}
     whole: Calibrated = (
         "too low" if "too low" in every

@@ -5,7 +5,8 @@ The scenarios of both are clustered together, so that neither is the measure of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,12 +86,20 @@ class SpaceComparison:
 
 
 def together(one: Space, other: Space, workers: int = 1) -> Space:
-    """Give both spaces as one, clustered anew. Raises InputError where they are built in different ways."""
-    for name in ("distance", "bucket", "linkage"):
+    """Give both spaces as one, clustered anew.
+
+    Raises InputError where they are built in different ways, or by roads of different maps: nothing could be alike.
+    """
+    for name in ("distance", "bucket", "linkage", "threshold"):
         mine, theirs = getattr(one.settings, name), getattr(other.settings, name)
         if mine != theirs:
             problem = f"its {name} is {theirs!s}, that of the other space is {mine!s}"
             raise InputError("the second space", problem, "Build both spaces with the same settings.")
+    maps, others = ({str(name) or "unknown" for name in space.rows["map"]} for space in (one, other))
+    if one.settings.bucket == "road" and maps.isdisjoint(others):
+        problem = f"its maps ({', '.join(sorted(others))}) are none of the other space's ({', '.join(sorted(maps))})"
+        remedy = 'Scenarios are compared on one road: build both spaces with bucket = "lanes" or "vehicles".'
+        raise InputError("the second space", problem, remedy)
     rows = other.rows.assign(occasion=other.rows["occasion"] + one.rows["occasion"].max() + 1)
     both = pd.concat([one.rows.assign(space=0), rows.assign(space=1)], ignore_index=True)
     names = [
@@ -123,14 +132,39 @@ def compare_spaces(both: Space, names: tuple[str, str], hashes: tuple[str, str])
     ]  # fmt: skip
     lone = counts == 0
     only = [share(float(counts[k][lone[1 - k]].sum()) / spread[k], total[k] / spread[k]) for k in (0, 1)]
-    notes = [
+    words = ("first", "second")
+    notes = [f"the {word} space: {_driven_by(rows['build'][space == k])}" for k, word in enumerate(words)]
+    notes += [
         f"the {word} space has {n} occasions: what is only in one may be only not seen in the other"
-        for word, n in zip(("first", "second"), total.tolist(), strict=True) if n < 1000
+        for word, n in zip(words, total.tolist(), strict=True) if n < 1000
     ]  # fmt: skip
+    notes += _elsewhere(rows, space) if both.settings.bucket == "road" else []
     return SpaceComparison(
         versions(), {}, *names, hashes, tuple(sorted(kinds, key=lambda one: (-abs(one.difference.value), one.kind))),
         int(lone[1].sum()), int(lone[0].sum()), only[0], only[1], variation(counts, spread), tuple(notes),
     )  # fmt: skip
+
+
+def _driven_by(build: pd.Series[str]) -> str:
+    """Who drove the EGOs of a space's scenarios."""
+    counts = sorted(Counter(build.astype(str).tolist()).items())
+    told = [
+        f"{n} scenarios {f'driven by build {name[:12]}' if name else 'of people, or where nobody says who drove'}"
+        for name, n in counts
+    ]
+    return ", ".join(told)
+
+
+def _elsewhere(rows: pd.DataFrame, space: Ints) -> Iterator[str]:
+    """How much of each space is on maps that the other does not have."""
+    maps = [set(rows["map"][space == k]) for k in (0, 1)]
+    for k, word in enumerate(("first", "second")):
+        lone = rows["map"][space == k].isin(maps[k] - maps[1 - k])
+        if lone.any():
+            yield (
+                f"{int(lone.sum())} of {len(lone)} scenarios of the {word} space are on maps that the other does not "
+                "have, and can be of no kind of it: buckets by lanes or vehicles compare them"
+            )
 
 
 def difference(one: IntervalEstimate, other: IntervalEstimate) -> IntervalEstimate:

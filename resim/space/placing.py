@@ -3,7 +3,7 @@
 A scenario belongs to the cluster with the nearest medoid whose members, as they were when the space was built, it could
 be linked to at the threshold: all of them within it for complete linkage, one for single, their mean for average and
 weighted. Who belongs to none is clustered with all others that do not. Neither depends on the order in which scenarios
-come: the first looks at what was built alone, the second is made anew of all of them by their names.
+come: the first looks at what was built alone, the second is made anew of all of them in an order of their own.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ import numpy as np
 
 from resim.core.provenance import versions
 from resim.core.spec import EXACT, NumberOrNan
+from resim.core.spelling import counted
 from resim.space.calibration import ReliabilityReport
 from resim.space.expected import (
     AccidentTerms,
@@ -328,7 +329,10 @@ def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:
         reasons = "" if one is None or not one.why else f": {next(iter(one.why))}"
         return f"no member counts{reasons}"
     if len(one.values) < case.limits.least_members:
-        return f"{len(one.values)} members count, at least {case.limits.least_members} are needed"
+        few = counted(len(one.values), "member")
+        return (
+            f"{few} that count{'s' * (len(one.values) == 1)}, at least {case.limits.least_members} are needed"
+        )
     return "its risk is not calibrated: there are not enough held-out drives with such a risk"
 
 

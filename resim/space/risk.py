@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -111,6 +111,18 @@ def cluster_risks(space: Space, members: pd.DataFrame, build: str) -> tuple[Clus
     )
 
 
+def predicted_risks(
+    space: Space, members: pd.DataFrame, build: str, held: Iterable[str]
+) -> tuple[ClusterRisk, ...]:
+    """Give the risk of every cluster without drives that are held out: they say nothing of how they end themselves.
+
+    held: scenarios of the space that are held out.
+    """
+    rows = space.rows
+    driven_by = rows["build"].where(~rows["scenario"].isin(set(held)), "")
+    return cluster_risks(replace(space, rows=rows.assign(build=driven_by)), members, build)
+
+
 def member_risks(members: pd.DataFrame) -> Floats:
     """Give what each simulated member (K,) counts as: its risk, 1 where it collided or either is not known."""
     risk = members["risk"].to_numpy(float)
@@ -153,14 +165,14 @@ def calibrated(
 ) -> ReliabilityReport:
     """Compare the risk of clusters, by their members that count, with the collisions of drives that were held out.
 
-    cluster: of recordings, by key. A held-out drive of no cluster, of one without a risk, or that is not what was
-    verified has no prediction.
+    risks: without what is held out (`predicted_risks`). cluster: of recordings, by key. A held-out drive of no cluster,
+    of one without a risk, or that is not what was verified has no prediction.
     """
     by_name = {one.cluster: one.risk.value for one in risks}
     of = ["" if run.changed or run.trust != INSIDE else cluster.get(run.recording, "") for run in held]
     predicted = np.array([by_name.get(name, np.nan) for name in of], dtype=float)
     collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
-    return reliability(predicted, collided)
+    return reliability(predicted, collided, [run.recording for run in held])
 
 
 def cover_notes(members: pd.DataFrame, drives: Sequence[TestDrive]) -> list[str]:

@@ -12,6 +12,7 @@ from conftest import DATA, ROOT
 from exports.drives import MAP, assert_same, recordings
 from hypothesis import HealthCheck, given, settings
 
+from resim.core.errors import InputError
 from resim.core.tracks import Tracks
 from resim.exports.openlabel import labels
 from resim.jobs.export import export_drive, recorded_drive
@@ -127,6 +128,25 @@ def test_maneuvers_are_actions(tmp_path: Path) -> None:
     gt = read_recording(ROOT / "scenarios" / "cut_in_brake").gt
     y = np.interp([float(begin), float(end)], gt.t, gt.y[gt.index("1")])
     assert y == pytest.approx([-1.75, -5.25], abs=0.2)  # from lane centre to lane centre
+
+
+def test_labels_of_ones_own_are_actions_too(tmp_path: Path) -> None:
+    drive, out = ROOT / "scenarios" / "cut_in_brake", tmp_path / "out"
+    file = tmp_path / "labels.toml"
+    file.write_text('[[label]]\nname = "mine"\nfunction = "own:find"\n')
+    head = (
+        "import os\nfrom resim.mining.maneuver import LabelledManeuver as M\ndef find(features, found):\n    "
+    )
+    (tmp_path / "own.py").write_text(f"{head}return [M('mine', 0, 0, 10, 0)]\n")
+    export_drive(drive, out, "openlabel", labels=file)
+    assert issues(out / "GT.openlabel.json") == []
+    told = json.loads((out / "GT.openlabel.json").read_text(encoding="utf-8"))["openlabel"]
+    assert {"mine", "lane_change_right"} <= {one["type"] for one in told["actions"].values()}
+    before = (out / "GT.openlabel.json").read_bytes()
+    (tmp_path / "own.py").write_text(f"{head}os._exit(0)\n")
+    with pytest.raises(InputError, match=r"labels\.toml: its labels could not be found: .*ended its process"):
+        export_drive(drive, out, "openlabel", labels=file)
+    assert (out / "GT.openlabel.json").read_bytes() == before
 
 
 def test_who_comes_and_goes_is_in_the_frames_in_which_it_is_there(tmp_path: Path) -> None:

@@ -1,10 +1,11 @@
-"""Lane changes and extraction as the texts say them, in plain loops over samples of a straight road along x.
+"""Lane changes and extraction as the texts say them, in plain loops over samples of a road with one curvature.
 
 Nothing of resim is used. Wagner 2021, 6.2.1.1 to 6.2.1.3; Kaefer 2022, 4.5.6.2; readings as in the issue's notes.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 WIDTH = 3.5
@@ -16,6 +17,7 @@ class Sample(NamedTuple):
     lane: int  # 1 is the leftmost, 0 beside the road
     offset: float  # from the lane's centre, left positive
     across: float  # m/s to the left
+    stretch: float  # m of its lane's centre to a metre of s
 
 
 class Change(NamedTuple):
@@ -32,8 +34,13 @@ class Window(NamedTuple):
     members: tuple[int, ...]
 
 
-def drives(t: list[float], x: list[list[float]], y: list[list[float]], lanes: int) -> list[list[Sample]]:
-    """Samples of each object, without those that are NaN."""
+def drives(
+    t: list[float], x: list[list[float]], y: list[list[float]], lanes: int, bend: float = 0.0
+) -> list[list[Sample]]:
+    """Samples of each object, without those that are NaN: x along the road's line, y to the left of it [m].
+
+    bend: 1/m to the left.
+    """
     out = []
     for xs, ys in zip(x, y, strict=True):
         known = [k for k in range(len(t)) if xs[k] == xs[k]]
@@ -46,7 +53,9 @@ def drives(t: list[float], x: list[list[float]], y: list[list[float]], lanes: in
                 lane = 0
             before, after = known[max(n - 1, 0)], known[min(n + 1, len(known) - 1)]
             across = (ys[after] - ys[before]) / (t[after] - t[before])
-            own.append(Sample(k, xs[k], lane, ys[k] + WIDTH * (lane - 0.5), across))
+            centre = -WIDTH * (lane - 0.5)
+            offset = ys[k] - centre if lane else math.inf
+            own.append(Sample(k, xs[k], lane, offset, across, 1.0 - bend * centre))
         out.append(own)
     return out
 
@@ -55,7 +64,7 @@ def lane_changes(who: int, own: list[Sample]) -> list[Change]:
     found: list[tuple[int, Change]] = []
     pairs = set()
     for k in range(1, len(own)):
-        if own[k].lane == own[k - 1].lane:
+        if own[k].lane == own[k - 1].lane or 0 in (own[k].lane, own[k - 1].lane):
             continue
         a = next((j for j in range(k - 1, -1, -1) if abs(own[j].offset) < 1.0), None)
         b = next((j for j in range(k, len(own)) if abs(own[j].offset) < 1.0), None)
@@ -94,7 +103,7 @@ def slot_holders(ego: Sample, others: dict[int, Sample]) -> set[int]:
     """Who holds one of the eight slots."""
     best: dict[tuple[int, int], tuple[float, int]] = {}
     for who, other in others.items():
-        side, ahead = other.lane - ego.lane, other.s - ego.s
+        side, ahead = other.lane - ego.lane, (other.s - ego.s) * ego.stretch
         if other.lane == 0 or ego.lane == 0 or abs(side) > 1 or ahead > 100.0 or ahead < -50.0:
             continue
         zone = 0 if abs(ahead) <= 5.0 else 1 if ahead > 0.0 else -1

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -148,6 +149,46 @@ def write_straight(file: Path, lanes: int = 3, length: float = 800.0) -> Path:
         encoding="utf-8",
     )
     return file
+
+
+def write_bend(
+    file: Path, bend: float, rng: np.random.Generator, lanes: int = 3, length: float = 800.0
+) -> Path:
+    """The lanes of `write_straight` in a bend [1/m], on three roads one after the other, with sections at any s."""
+    right = "".join(lane(-n) for n in range(1, lanes + 1))
+    cuts = [0.0, *np.sort(rng.uniform(100.0, length - 100.0, 2)).tolist(), length]
+    roads = []
+    for k, (first, last) in enumerate(pairwise(cuts)):
+        x, y = (one.tolist() for one in on_bend(np.array([first]), np.zeros(1), bend))
+        starts = [0.0, *np.sort((last - first) * rng.uniform(0.1, 0.9, 2)).tolist()]
+        links = f'<predecessor elementType="road" elementId="{k}" contactPoint="end"/>' * (k > 0)
+        links += f'<successor elementType="road" elementId="{k + 2}" contactPoint="start"/>' * (k < 2)
+        roads.append(
+            f'<road id="{k + 1}" length="{last - first!r}" junction="-1"><link>{links}</link><planView><geometry s="0" '
+            f'x="{x[0]!r}" y="{y[0]!r}" hdg="{bend * first!r}" length="{last - first!r}"><arc curvature="{bend!r}"/>'
+            f"</geometry></planView><lanes>{''.join(SECTION.format(s=repr(s), left='', right=right) for s in starts)}"
+            "</lanes></road>"
+        )
+    head = '<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="6" name="bend"/>'
+    file.write_text(f"{head}{''.join(roads)}</OpenDRIVE>", encoding="utf-8")
+    return file
+
+
+def on_bend(s: np.ndarray, t: np.ndarray, bend: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places [m] at s along an arc from the origin along x, t to the left of it."""
+    return np.sin(bend * s) * (1.0 / bend - t), 1.0 / bend - np.cos(bend * s) * (1.0 / bend - t)
+
+
+def bent(tracks: Tracks, bend: float) -> Tracks:
+    """Traffic of a straight road along x in a bend: x along the road's line, y to the left of it."""
+    x, y = on_bend(tracks.x, tracks.y, bend)
+    heading, v = tracks.heading.copy(), tracks.v.copy()
+    for n in range(len(tracks)):
+        k = np.flatnonzero(tracks.valid[n])
+        vx, vy = np.gradient(x[n, k], tracks.t[k]), np.gradient(y[n, k], tracks.t[k])
+        v[n, k] = np.hypot(vx, vy)
+        heading[n, k] = np.where(v[n, k] > 0.1, np.arctan2(vy, vx), bend * tracks.x[n, k])
+    return replace(tracks, x=x, y=y, heading=np.angle(np.exp(1j * heading)), v=v)
 
 
 def random_traffic(

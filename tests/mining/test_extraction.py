@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mining import plain
-from mining.planted import random_traffic, write_straight
+from mining.planted import bent, random_traffic, write_bend, write_straight
 
 from resim.core.tracks import Tracks
 from resim.mining.extraction import extract, tag
 from resim.mining.features import features
 from resim.mining.find import find_maneuvers
 from resim.mining.settings import DEFAULT_SETTINGS
-from resim.road.opendrive import load
+from resim.road.opendrive import RoadNetwork, load
 
 CUTTING = DEFAULT_SETTINGS.extraction
 
@@ -23,22 +23,37 @@ CUTTING = DEFAULT_SETTINGS.extraction
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("rate", [10.0, 25.0])
 def test_windows_and_members_are_those_of_the_plain_loop(tmp_path: Path, seed: int, rate: float) -> None:
-    network = load(write_straight(tmp_path / "straight.xodr"))
     tracks = random_traffic(np.random.default_rng(seed), 24, 16.0, rate)
+    network = load(write_straight(tmp_path / "straight.xodr"))
+    objects = plain.drives(tracks.t.tolist(), tracks.x.tolist(), tracks.y.tolist(), 3)
+    compare(tracks, network, objects)
+
+
+@pytest.mark.parametrize("seed", range(100, 112))
+def test_they_are_in_bends_over_roads_and_sections(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    bend = float(rng.choice([-1.0, 1.0]) / rng.uniform(150.0, 600.0))
+    tracks = random_traffic(rng, 24, 16.0, 25.0)
+    network = load(write_bend(tmp_path / "bend.xodr", bend, rng))
+    objects = plain.drives(tracks.t.tolist(), tracks.x.tolist(), tracks.y.tolist(), 3, bend)
+    compare(bent(tracks, bend), network, objects)
+
+
+def compare(tracks: Tracks, network: RoadNetwork, objects: list[list[plain.Sample]]) -> None:
+    """Lane changes, windows and members are those that plain loops find of the same samples."""
     found = features(tracks, network)
     maneuvers = find_maneuvers(found)
     made = extract(found, maneuvers, CUTTING)
-    objects = plain.drives(tracks.t.tolist(), tracks.x.tolist(), tracks.y.tolist(), 3)
     step = found.samples.step
     changes = [(m.object, int(step[m.start]), int(step[m.end]), m.label[12:], m.figures["lanes"])
                for m in maneuvers if m.label in CUTTING.trigger]  # fmt: skip
     expected = [(c.who, c.start, c.end, "left" if c.gained > 0 else "right", float(abs(c.gained)))
                 for who, own in enumerate(objects) for c in plain.lane_changes(who, own)]  # fmt: skip
     assert sorted(changes) == sorted(expected)
-    assert len(expected) > 3
+    assert expected
     got = [plain.Window(one.ego, one.start, one.end, one.members) for one in made]
     assert got == plain.windows(objects)
-    assert len(got) > 5
+    assert got
 
 
 def placed(x: list[float], lanes: list[int], t: int = 50) -> Tracks:

@@ -159,6 +159,24 @@ def test_bad_recordings_are_told_of_and_the_others_are_mined(tmp_path: Path, dri
         mine([broken], tmp_path / "none")
 
 
+def test_a_recording_of_which_most_is_off_the_map_is_mined_with_a_note(tmp_path: Path, drive: Path) -> None:
+    recording = read_recording(drive)
+    gt = recording.gt
+    aside = np.where(gt.ids == "b", 0.0, 60.0)[:, None]
+    write_recording(
+        replace(recording, gt=replace(gt, y=gt.y + aside), sd=None, sd_gt_id=None, sd_rate=None),
+        tmp_path / "off",
+    )
+    found = mine([tmp_path / "off"], tmp_path / "out", MineOptions(fit=False, accept=("OFF_MAP",)))
+    (part,) = found.report.parts
+    assert part.off_lane > 0.5
+    assert (
+        "of the samples of vehicles are on no driven lane of motorway.xodr: another frame, or another map?"
+        in part.notes[0]
+    )
+    assert "another frame, or another map?" in (tmp_path / "out" / "mined.html").read_text("utf-8")
+
+
 def test_a_study_is_resumed_and_a_changed_recording_mined_anew(tmp_path: Path, drive: Path) -> None:
     out, options = tmp_path / "out", MineOptions(fit=False)
     first = mine([drive], out, options)
@@ -176,6 +194,23 @@ def test_a_study_is_resumed_and_a_changed_recording_mined_anew(tmp_path: Path, d
     (out / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"notes\.txt"):
         mine([drive], out, replace(options, resume=True))
+
+
+@pytest.mark.parametrize("fit", [False, True])
+def test_a_resumed_study_names_a_recording_where_it_lies_now(tmp_path: Path, drive: Path, fit: bool) -> None:
+    out, options = tmp_path / "out", MineOptions(fit=fit, resume=True)
+    mine([drive], out, options)
+    when = (out / "parts" / "drive" / "maneuvers.parquet").stat().st_mtime_ns
+    (tmp_path / "archive").mkdir()
+    moved = tmp_path / "archive" / "drive"
+    shutil.move(drive, moved)
+    shutil.copy(tmp_path / "motorway.xodr", tmp_path / "archive")
+    found = mine([moved], out, options)
+    assert (
+        out / "parts" / "drive" / "maneuvers.parquet"
+    ).stat().st_mtime_ns == when  # it was not mined again
+    assert (out / found.report.parts[0].folder).resolve() == moved
+    assert read_mined(out).report.parts[0].folder == "../archive/drive"
 
 
 def test_what_was_taken_away_or_changed_of_an_earlier_study_is_made_again(

@@ -125,7 +125,7 @@ def test_without_all_distances_the_clusters_are_nearly_the_same() -> None:
     assert all(found.medoid[c] in members[c] for c in range(found.count))
 
 
-@pytest.mark.parametrize("how", ["single", "complete", "average"])
+@pytest.mark.parametrize("how", ["single", "complete", "average", "weighted"])
 def test_who_is_placed_could_be_linked(how: str) -> None:
     traces, _ = families(12, 6)
     pairs = PairDistances(traces)
@@ -135,7 +135,7 @@ def test_who_is_placed_could_be_linked(how: str) -> None:
     found = cluster(part.condensed(), how, 0.7)  # type: ignore[arg-type]
     members = [core[found.label == c] for c in range(found.count)]
     label, _ = place_rows(pairs, later, FrozenClusters(members, core[found.medoid]), how, 0.7)  # type: ignore[arg-type]
-    link = {"single": np.min, "complete": np.max, "average": np.mean}[how]
+    link = {"single": np.min, "complete": np.max}.get(how, np.mean)
     for row, c in zip(later.tolist(), label.tolist(), strict=True):
         to = [float(link(pairs.between(np.array([row]), one))) for one in members]
         if c < 0:

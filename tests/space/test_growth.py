@@ -13,6 +13,7 @@ from space.spaces import KINDS, source, space_of
 from resim.core.errors import InputError
 from resim.space.agreement import adjusted_rand
 from resim.space.build import build_space, grow_space
+from resim.space.clustering import Linkage
 from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
 from resim.space.folder import read_space, write_space
@@ -36,10 +37,14 @@ def test_clusters_have_names_medoids_and_rates() -> None:
     assert told.coverage.kinds.seen == len(KINDS)
 
 
-def test_growth_does_not_depend_on_the_order_of_drives() -> None:
+LINKAGES = ("single", "complete", "average", "weighted")
+
+
+@pytest.mark.parametrize("how", LINKAGES)
+def test_growth_does_not_depend_on_the_order_of_drives(how: Linkage) -> None:
     base = [*KINDS[:6]] * 5
     first, second, third = (source(f"s{k}", kinds(25, k), k) for k in range(1, 4))
-    built = space_of(base)
+    built = space_of(base, settings=SpaceSettings(linkage=how))
     label = {}
     for order in ((first, second, third), (third, first, second)):
         grown = built
@@ -52,8 +57,28 @@ def test_growth_does_not_depend_on_the_order_of_drives() -> None:
     assert label["s1"][1] == together["cluster"].tolist()
 
 
-def test_growth_keeps_what_was_built_and_is_near_a_space_built_anew() -> None:
-    built = space_of([*KINDS[:6]] * 5)
+@pytest.mark.parametrize("how", LINKAGES)
+def test_nor_does_it_where_drives_have_scenarios_of_one_name_and_new_roads(how: Linkage) -> None:
+    drives = [replace(source("day", kinds(25, k), k), folder=Path(f"/{k}")) for k in range(1, 5)]
+    for one, lanes in zip(drives, (3, 2, 3, 4), strict=True):
+        one.rows["lanes"] = lanes
+    found = []
+    for order in ((0, 1, 2, 3), (3, 2, 1, 0), (2, 0, 3, 1)):
+        grown = space_of([*KINDS[:6]] * 5, settings=SpaceSettings(linkage=how))
+        for k in order:
+            grown = grow_space(grown, [drives[k]])
+        drive = {one.name: one.hash for one in grown.sources}
+        rows = grown.rows.assign(drive=[drive[str(one)] for one in grown.rows["source"]])
+        with_whom = rows.groupby("cluster").apply(lambda c: (frozenset(zip(c["drive"], c["name"], strict=True)),
+                                                             tuple(c.loc[c["medoid"], "name"])))  # fmt: skip
+        names = [name for name in with_whom.index if name.startswith("1.")]
+        found.append((set(with_whom), with_whom[names].to_dict()))
+    assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("how", LINKAGES)
+def test_growth_keeps_what_was_built_and_is_near_a_space_built_anew(how: Linkage) -> None:
+    built = space_of([*KINDS[:6]] * 5, settings=SpaceSettings(linkage=how))
     more = source("more", [*KINDS] * 4, 5)
     grown = grow_space(built, [more])
     before = grown.rows.iloc[: len(built.rows)]
@@ -61,7 +86,7 @@ def test_growth_keeps_what_was_built_and_is_near_a_space_built_anew() -> None:
     assert before["medoid"].tolist() == built.rows["medoid"].tolist()
     new = {name for name in grown.rows["cluster"] if ".n" in name}
     assert len(new) == len(KINDS) - 6
-    anew = build_space([source("one", [*KINDS[:6]] * 5, 0), more])
+    anew = build_space([source("one", [*KINDS[:6]] * 5, 0), more], built.settings)
     assert adjusted_rand(grown.rows["cluster"].to_numpy(str), anew.rows["cluster"].to_numpy(str)) >= 0.95
     told = report(grown, {})
     assert sum(one.members for one in told.clusters().values()) == len(grown.rows)

@@ -12,6 +12,7 @@ from space.families import drawn
 from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
+from resim.jobs.space import _calibration, _mined_whole
 from resim.jobs.space_members import Simulated, SpaceReading, _of_verification, _runs, accidents
 from resim.jobs.space_recordings import RecordingReader
 from resim.recordings.content import content_hash
@@ -106,10 +107,13 @@ def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
 def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
     members = judged_members(space, [replace(RUN, name=str(k)) for k in range(50)], [DRIVE], known(), 0.7)
     risks, cluster = cluster_risks(space, members, "f-1"), clusters_of(space, known())
-    held = [replace(RUN, name=f"h{k}") for k in range(200)]
+    cluster |= {f"r{k}": cluster["run"] for k in range(40)}
+    held = [replace(RUN, name=f"h{k}", recording=f"r{k % 40}") for k in range(200)]
     assert calibrated(risks, held, cluster).verdict == "calibrated"
     assert calibrated(risks, [replace(one, collided=True) for one in held], cluster).verdict == "too low"
     assert calibrated(risks, held[:5], cluster).verdict == "not shown"
+    few = calibrated(risks, [replace(one, recording=f"r{k % 19}") for k, one in enumerate(held)], cluster)
+    assert (few.verdict, few.bins[0].drives, few.bins[0].recordings) == ("not shown", 200, 19)
     strange = calibrated(risks, [replace(one, recording="elsewhere") for one in held], {})
     assert (strange.unknown, strange.verdict) == (200, "not shown")  # nobody says what was predicted of them
     swept = calibrated(
@@ -118,6 +122,36 @@ def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
     assert (swept.unknown, swept.verdict) == (200, "not shown")
     outside = calibrated(risks, [replace(one, trust="outside") for one in held], cluster)
     assert (outside.unknown, outside.verdict) == (200, "not shown")
+
+
+def test_a_drive_that_is_held_out_does_not_predict_itself(space: Space) -> None:
+    """All that is known of two kinds are the test drives that are held out, of which a third collides."""
+    own = space_of([*KINDS[:2]] * 60, build="f-1")
+    own = replace(own, rows=own.rows.assign(collided=np.arange(120) % 3 == 0))
+    names = own.rows["scenario"].astype(str).tolist()
+    traces = replace(own.traces, names=np.array([f"key of {name}" for name in names]))
+    keys = traces.names.tolist()
+    scenarios = DrivenTraces(traces, dict.fromkeys(keys, BUCKET), dict(zip(keys, names, strict=True)))
+    held = [SimulatedRun(key, key, "f-1", "", 0.0, bool(hit))
+            for key, hit in zip(keys, own.rows["collided"], strict=True)]  # fmt: skip
+    members = judged_members(own, [], [], scenarios, 0.7)
+    assert (
+        calibrated(cluster_risks(own, members, "f-1"), held, clusters_of(own, scenarios)).verdict
+        == "calibrated"
+    )
+    found = _calibration(own, members, "f-1", held, scenarios)
+    assert (found.verdict, found.unknown) == ("not shown", 120)
+    # half of them held out, the others predict it
+    half = _calibration(own, members, "f-1", held[:60], scenarios)
+    assert (half.verdict, half.unknown, half.drives) == ("calibrated", 0, 60)
+    # recordings of which the space was mined: which of its scenarios are of them is not known
+    mined = replace(own, sources=tuple(replace(one, recordings=tuple(keys[:50])) for one in own.sources))
+    others = replace(scenarios, scenario=dict.fromkeys(keys, ""))
+    found = _calibration(mined, members, "f-1", held[:60], others)
+    assert (found.verdict, found.unknown) == ("not shown", 50)
+    assert "50 held-out drives are of recordings that the space was mined of" in next(
+        _mined_whole(mined, held)
+    )
 
 
 def test_a_run_that_is_there_again_is_no_further_evidence(space: Space) -> None:

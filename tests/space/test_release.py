@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from browsed import chromium, opened, too_faint
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from space.spaces import KINDS, source, space_of
 
+from resim.core.errors import InputError
 from resim.space.build import build_space
 from resim.space.calibration import reliability
 from resim.space.comparison import compare_spaces, together
@@ -20,9 +22,10 @@ from resim.space.described import report
 from resim.space.limits import ReleaseLimits, read_limits
 from resim.space.members import MEMBER_COLUMNS
 from resim.space.model import Space
-from resim.space.page import write_cover_page
+from resim.space.page import write_cover_page, write_release_page
 from resim.space.release import ReleaseReport, decide, release_case, release_checks, verdict_of
 from resim.space.risk import CoverReport, cluster_risks
+from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
 HASHES = {"space": "", "cover": "", "limits": ""}
@@ -280,3 +283,73 @@ def test_predictions_that_are_lost_calibrate_nothing(bins: list[tuple[float, int
     for lost in (*(risk == value for value, _, _ in bins), rng.random(len(risk)) < 0.2):
         if lost.any() and reliability(np.where(lost, np.nan, risk), hit).verdict == "calibrated":
             assert reliability(risk, hit).verdict == "calibrated"
+
+
+def placed(kinds: list[str], seed: int, **where: object) -> Space:
+    """A space of another place or build."""
+    how = where.pop("how", DEFAULT_SETTINGS)
+    one = source(f"s{seed}", kinds, seed)
+    return build_space([replace(one, rows=one.rows.assign(**where))], how)  # type: ignore[arg-type]
+
+
+def test_two_towns_are_compared_where_buckets_do_not_hold_the_road() -> None:
+    north, south = (
+        {"map": f"{name}-1", "road": name, "lanes": n} for name, n in (("north", 2), ("south", 3))
+    )
+    with pytest.raises(InputError, match=r"\(south-1\) are none of the other space's \(north-1\).*bucket = "):
+        together(placed([*KINDS[:3]], 1, **north), placed([*KINDS[:3]], 2, **south))
+    by_vehicles = SpaceSettings(bucket="vehicles")
+    one = placed([*KINDS[:6]] * 40, 1, how=by_vehicles, **north)
+    other = placed([*KINDS[:6]] * 20 + [*KINDS[6:8]] * 20, 2, how=by_vehicles, **south)
+    found = compare_spaces(together(one, other), ("north", "south"), ("", ""))
+    assert (found.only_one, found.only_other) == (0, 2)
+    assert found.only_other_share.low < 0.25 < found.only_other_share.high
+    assert 0.0 < found.apart.low < 0.25 < found.apart.high
+    # by lanes no kind of the one can be one of the other, and that is what was asked for
+    by_lanes = SpaceSettings(bucket="lanes")
+    one, other = (placed([*KINDS[:6]], k, how=by_lanes, **where) for k, where in enumerate((north, south)))
+    assert compare_spaces(together(one, other), ("", ""), ("", "")).apart.value == 1.0
+    # of one map in both and one in the first alone it is told
+    both = source("both", [*KINDS[:6]], 3)
+    both.rows["map"] = ["m-1", "n-1"] * 3
+    found = compare_spaces(together(build_space([both]), placed([*KINDS[:6]], 4)), ("", ""), ("", ""))
+    assert "3 of 6 scenarios of the first space are on maps that the other does not have" in " ".join(
+        found.notes
+    )
+
+
+def test_before_and_after_a_build() -> None:
+    """The new build drives up to others: of a kind that it makes more often, and of one that it no longer meets."""
+    before = placed([*KINDS[:4]] * 100, 1, build="a" * 64)
+    after = placed([*KINDS[:2]] * 100 + [KINDS[2]] * 200, 2, build="b" * 64)
+    found = compare_spaces(together(before, after), ("before", "after"), ("", ""))
+    assert found.notes[:2] == (
+        "the first space: 400 scenarios driven by build aaaaaaaaaaaa",
+        "the second space: 400 scenarios driven by build bbbbbbbbbbbb",
+    )  # fmt: skip
+    assert (found.only_one, found.only_other) == (1, 0)
+    gone, more, *others = found.kinds
+    assert {round(gone.difference.value, 9), round(more.difference.value, 9)} == {0.25, -0.25}
+    assert all(one.difference.low < 0.0 < one.difference.high for one in others)
+    lost = gone if gone.other == 0 else more
+    assert lost.difference.low > 0.0
+    assert found.apart.low > 0.0
+    same = compare_spaces(together(before, placed([*KINDS[:4]] * 100, 3, build="b" * 64)), ("", ""), ("", ""))
+    assert same.apart.low == 0.0
+    assert all(one.difference.low < 0.0 < one.difference.high for one in same.kinds)
+
+
+@pytest.mark.parametrize("width", [400, 1280])
+def test_the_page_of_a_release_is_read_on_a_phone_and_a_desk(tmp_path: Path, width: int) -> None:
+    space = space_of([*KINDS[:5]] * 2, hours=1.0)
+    held = reliability(np.array([0.0, 0.05]), np.array([0.0, np.nan]))
+    covered = cover(space, members(space, 1, 0.0), held)
+    write_release_page(decide(space, covered, limits(8e-6), HASHES), covered, tmp_path)
+    with chromium() as browser, opened(browser, tmp_path / "release.html", width=width) as page:
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+        assert not too_faint(page)
+        rows = page.evaluate("() => [...document.querySelectorAll('tbody tr')].map(r => r.offsetHeight)")
+        assert max(rows) <= 120, rows
+        words = page.inner_text("body")
+    assert "1 member that counts, at least 30 are needed" in words
+    assert "2 held-out drives: not shown. Without a prediction or an outcome: 1." in words

@@ -79,7 +79,7 @@ def test_a_space_is_built_covered_and_judged(tmp_path: Path) -> None:
     code, words = run("space", "cover", space, *folders)
     assert code == 0, words
     assert "1 verified test drive" in words
-    assert "4 simulated members count" in words
+    assert "4 simulated members that count" in words
     assert "predicted risk: not shown" in words
     members = read_parquet(space / "members.parquet").set_index("member")
     assert members["cluster"].tolist() == ["1.1"] * 5

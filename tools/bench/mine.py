@@ -7,6 +7,7 @@ computing time), vehicles_per_s, and how the factor changes with hours and densi
 
     python tools/bench/mine.py [--quick] [--keep FOLDER]
     python tools/bench/mine.py --recordings FOLDER      those of `resim traffic`, and the peak of memory after each
+    python tools/bench/mine.py --many N                 N recordings of a minute, likewise: does memory grow with them?
 """
 
 from __future__ import annotations
@@ -91,11 +92,21 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a quarter of an hour")
     parser.add_argument("--keep", type=Path, help="keep recordings and results in this folder")
     parser.add_argument("--recordings", type=Path, help="folder of recordings, in place of drawn traffic")
+    parser.add_argument("--many", type=int, help="so many recordings of a minute, one after the other")
     asked = parser.parse_args()
     if asked.recordings:
         made_before(asked.recordings)
         return
     with tempfile.TemporaryDirectory() as scratch:
+        if asked.many:
+            road, rng = write_road(Path(scratch) / "road.xodr"), np.random.default_rng(0)
+            for k in range(asked.many):
+                name = f"minute_{k:04d}"
+                write_recording(
+                    Recording(name, road, "1", traffic(60, 60.0, rng), RATE), Path(scratch) / name
+                )
+            made_before(Path(scratch))
+            return
         bench(asked.keep or Path(scratch), 1 if asked.quick else 4)
 
 
@@ -107,13 +118,14 @@ def made_before(folder: Path) -> None:
     def heard(told: object) -> None:
         peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
         spent = time.process_time() - cpu
-        print(
-            f"{getattr(told, 'recording', '')}: {spent:.1f} s of a core so far, peak {peaks[-1]} MB",
-            flush=True,
-        )
+        name = getattr(told, "recording", told)
+        print(f"{name}: {spent:.1f} s of a core so far, peak {peaks[-1]} MB", flush=True)
 
     with tempfile.TemporaryDirectory() as scratch:
-        found = mine(folders, Path(scratch) / "mined", MineOptions(fit=False), heard=heard)
+        found = mine(
+            folders, Path(scratch) / "mined", MineOptions(fit=False, accept=("OVERLAP",)), heard=heard
+        )
+        heard("tables and page")
     whole, spent = time.perf_counter() - begin, time.process_time() - cpu
     recorded = sum(float(np.ptp(read_recording(one).gt.t)) for one in folders)
     parts = found.report.parts
@@ -122,7 +134,7 @@ def made_before(folder: Path) -> None:
         "vehicles_per_s": round(sum(p.objects for p in parts) / spent, 1),
         "seconds": round(spent, 1), "wall_s": round(whole, 1), "recorded_s": round(recorded, 1),
         "recordings": len(parts), "vehicle_hours": round(sum(p.hours for p in parts), 2),
-        "scenarios": len(found.scenarios), "memory_mb_first": peaks[0], "memory_mb": peaks[-1],
+        "scenarios": sum(p.scenarios for p in parts), "memory_mb_first": peaks[0], "memory_mb": peaks[-1],
     }  # fmt: skip
     print(json.dumps(told))
 

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Floats
-from resim.mining.page.figures import COLORS, EGO, NAMES
+from resim.mining.page.figures import COLORS, NAMES
+from resim.mining.page.views import EGO
 from resim.report.figure import Figure
 from resim.report.figure import trace as figure_trace
 from resim.report.markup import Markup, join
@@ -18,19 +19,19 @@ TOTALS = ("speeding", "standing")
 """Labels whose vehicles are counted at each time."""
 
 
-def graphs(name: str, overview: pd.DataFrame, maneuvers: pd.DataFrame, number: int) -> Markup:
+def graphs(name: str, overview: pd.DataFrame, maneuvers: pd.DataFrame) -> Markup:
     """Give trajectories, speeds and lanes over time, and how many vehicles speed and stand (Kaefer 2022, Table 4.5).
 
-    overview: rows as of `overview_frame`. number: of the recording on the page.
+    overview: rows as of `overview_frame`.
     """
     lines = _Lines(overview)
     drawn = [
-        _trajectories(name, lines, number),
-        _over_time(f"speed [m/s] in {name}", lines, lines.of("v"), f"speeds{number}"),
-        _lanes(name, lines, number),
-        _totals(name, maneuvers, number),
+        _trajectories(name, lines),
+        _over_time(f"speed [m/s] in {name}", lines, lines.of("v"), "speeds"),
+        _lanes(name, lines),
     ]
-    return join(drawn)
+    counted = maneuvers[maneuvers["label"].isin(TOTALS)]
+    return join([*drawn, _totals(name, counted)] if len(counted) else drawn)
 
 
 class _Lines:
@@ -60,11 +61,11 @@ def _line(lines: _Lines, x: Floats, y: Floats) -> dict[str, object]:
     )  # fmt: skip
 
 
-def _trajectories(name: str, lines: _Lines, number: int) -> Markup:
+def _trajectories(name: str, lines: _Lines) -> Markup:
     figure = Figure([_line(lines, lines.of("x"), lines.of("y"))])
     figure.update_xaxes(title_text=f"x [m] in {name}")
     figure.update_yaxes(title_text="y [m]", scaleanchor="x")
-    return to_html(style(figure, 340.0), f"ways{number}")
+    return to_html(style(figure, 340.0), "ways")
 
 
 def _over_time(told: str, lines: _Lines, values: Floats, name: str) -> Markup:
@@ -74,7 +75,7 @@ def _over_time(told: str, lines: _Lines, values: Floats, name: str) -> Markup:
     return to_html(style(figure, 260.0), name)
 
 
-def _lanes(name: str, lines: _Lines, number: int) -> Markup:
+def _lanes(name: str, lines: _Lines) -> Markup:
     """Give the lane of each vehicle at each time."""
     told = lines.rows["lane"].to_numpy(dtype=str)
     names = sorted({*told.tolist()} - {""}, key=_lane_key)
@@ -85,7 +86,7 @@ def _lanes(name: str, lines: _Lines, number: int) -> Markup:
     shown = list(range(0, len(names), max(1, -(-len(names) // MOST_LANES))))
     figure.update_yaxes(tickvals=shown, ticktext=[names[k] for k in shown])
     figure.update_xaxes(title_text=f"t [s] in {name}: the lane (road/lane) of each vehicle")
-    return to_html(style(figure, 90.0 + 16.0 * len(shown), margin=NAMES), f"lanes{number}")
+    return to_html(style(figure, 90.0 + 16.0 * len(shown), margin=NAMES), "lanes")
 
 
 def _lane_key(lane: str) -> tuple[str, int]:
@@ -93,7 +94,7 @@ def _lane_key(lane: str) -> tuple[str, int]:
     return road.rjust(12, "0"), int(number)
 
 
-def _totals(name: str, maneuvers: pd.DataFrame, number: int) -> Markup:
+def _totals(name: str, maneuvers: pd.DataFrame) -> Markup:
     """Give how many vehicles speed and stand at each time."""
     figure = Figure()
     for k, label in enumerate(TOTALS):
@@ -103,7 +104,7 @@ def _totals(name: str, maneuvers: pd.DataFrame, number: int) -> Markup:
         figure.add_trace(figure_trace("scatter", x=t, y=count, mode="lines", name=label, line=line))
     figure.update_xaxes(title_text=f"t [s] in {name}")
     figure.update_yaxes(title_text="vehicles", rangemode="tozero")
-    return to_html(style(figure, 220.0, showlegend=True), f"totals{number}")
+    return to_html(style(figure, 220.0, showlegend=True), "totals")
 
 
 def counted_over_time(start: Floats, end: Floats) -> tuple[Floats, Floats]:

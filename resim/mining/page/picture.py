@@ -9,13 +9,13 @@ import numpy as np
 
 from resim.core.geometry import Floats, box_corners, to_frame
 from resim.core.tracks import Tracks
-from resim.mining.page.figures import along_ego
+from resim.mining.page.views import BORDER, EGO, OTHER, along_ego, lane_borders
 from resim.report.markup import Markup, html, join
 from resim.road.opendrive import VEHICLE_LANES, LaneShape, RoadNetwork
 
 WIDTH, LEAST_HEIGHT, MARGIN = 1400.0, 160.0, 12.0
 """m around all ways; pixels of the picture."""
-EGO, OTHER, LANE, BORDER = "#0072B2", "#b0603a", "#e7eaed", "#9aa3ad"
+LANE = "#e7eaed"
 
 
 def write_scenario_picture(tracks: Tracks, ego: str, network: RoadNetwork, file: Path) -> None:
@@ -62,13 +62,11 @@ class _View:
             if shape.type in VEHICLE_LANES:
                 ring = np.concatenate([shape.left, shape.right[::-1]])
                 yield html('<polygon points="{}" fill="{}"/>', self.points(*ring.T), LANE)
-        for shape in near:
-            if shape.mark != "none" or shape.type in VEHICLE_LANES:
-                outer = shape.left if shape.lane > 0 else shape.right
-                yield html(
-                    '<polyline points="{}" fill="none" stroke="{}" stroke-width="1" stroke-dasharray="{}"/>',
-                    self.points(*outer.T), BORDER, "8,7" if "broken" in shape.mark else "none",
-                )  # fmt: skip
+        for border, broken in lane_borders(near):
+            yield html(
+                '<polyline points="{}" fill="none" stroke="{}" stroke-width="1" stroke-dasharray="{}"/>',
+                self.points(*border.T), BORDER, "8,7" if broken else "none",
+            )  # fmt: skip
 
     def _is_near(self, shape: LaneShape) -> bool:
         x, y = np.concatenate([shape.left, shape.right]).T

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from resim.scenario.generation.recipe import (
     ObjectSpec,
     PlaceSpec,
     PointRoute,
+    SlipSpec,
     SpeedOverTimeSpec,
     SpeedOverWaySpec,
 )
@@ -47,7 +49,8 @@ class GeneratedObject:
 def object_motion(network: RoadNetwork, spec: ObjectSpec, duration: float, times: Floats) -> GeneratedObject:
     """Give an object's motion at those of the times (T,) [s] at which it is there.
 
-    With the way w(t), the curve's heading ψ(w) and curvature κ(w): v = w', a = w'', yaw rate κ v. Raises ResimError.
+    With the way w(t), the curve's heading ψ(w) and curvature κ(w), and the slip β(t): heading ψ + β, v = w', a = w'',
+    yaw rate κ v + β'. Raises ResimError.
     """
     speed = _profile(spec)
     leaves = min(duration, spec.leaves or duration)
@@ -63,9 +66,23 @@ def object_motion(network: RoadNetwork, spec: ObjectSpec, duration: float, times
     x, y, heading, curvature = curve.at(np.minimum(way, curve.length))
     sign = -1.0 if spec.reverse else 1.0
     turned = heading + (np.pi if spec.reverse else 0.0)
-    states = np.stack([x, y, turned, sign * v, sign * a, curvature * v])
+    slip, slip_rate = _slip(spec.slip, t)
+    states = np.stack([x, y, turned + slip, sign * v, sign * a, curvature * v + slip_rate])
     route = DrivenRoute(curve, pieces, changed, speed)
     return GeneratedObject(spec, t, states, tuple(_told(network, spec, route, leaves, t, states)))
+
+
+def _slip(spec: SlipSpec | None, t: Floats) -> tuple[Floats, Floats]:
+    """Slip [rad] and its rate [rad/s] at times (K,): steps of 10 u^3 - 15 u^4 + 6 u^5 from value to value."""
+    slip, rate = np.zeros(len(t)), np.zeros(len(t))
+    if spec is None:
+        return slip, rate
+    slip += spec.values[0]
+    for (begin, low), (end, high) in pairwise(zip(spec.times, spec.values, strict=True)):
+        u = np.clip((t - begin) / (end - begin), 0.0, 1.0)
+        slip += (high - low) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+        rate += (high - low) / (end - begin) * 30.0 * u**2 * (1.0 - u) ** 2
+    return slip, rate
 
 
 def _told(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -125,6 +126,28 @@ class ChangeSpec(Strict):
         return self
 
 
+class SlipSpec(Strict):
+    """By how much a box is turned to the left of its motion, as of who skids; smooth steps between, steady beyond.
+
+    Attributes:
+        times: s of the recording.
+        values: rad.
+    """
+
+    times: tuple[NotNegative, ...]
+    values: tuple[Annotated[float, Field(strict=True, gt=-3.15, lt=3.15)], ...]
+
+    @model_validator(mode="after")
+    def _in_order(self) -> SlipSpec:
+        if len(self.times) < 2 or len(self.times) != len(self.values):
+            raise ValueError(
+                f"expected two or more times and as many values, found {len(self.times)} and {len(self.values)}"
+            )
+        if any(b <= a for a, b in pairwise(self.times)):
+            raise ValueError("times: expected each later than the one before")
+        return self
+
+
 class ManeuverSpec(Strict):
     """A maneuver that the author planted, for the table of truth.
 
@@ -164,6 +187,7 @@ class ObjectSpec(Strict):
         route: By lanes or by points.
         speed: m/s, or speeds at times or places.
         change: Lane changes, on a route by lanes.
+        slip: How it is turned against its motion; without it, it is headed as it moves.
         maneuver: What else it does, for the table of truth.
     """
 
@@ -178,6 +202,7 @@ class ObjectSpec(Strict):
     route: LaneRoute | PointRoute
     speed: Speed | SpeedOverTimeSpec | SpeedOverWaySpec
     change: tuple[ChangeSpec, ...] = ()
+    slip: SlipSpec | None = None
     maneuver: tuple[ManeuverSpec, ...] = ()
 
     @property

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from resim.core.spelling import counted
 from resim.report.figure import Figure
 from resim.report.figure import trace as figure_trace
 from resim.report.markup import Markup, html, join
@@ -108,7 +109,7 @@ def calibration(found: ReliabilityReport | None) -> Markup:
     """Give the reliability diagram."""
     if found is None:
         return html("<p>Not shown: no drives were held out (<code>--held-out</code>).</p>")
-    mean = np.array([one.predicted.value for one in found.bins])
+    mean = np.array([one.predicted for one in found.bins])
     seen, low, high = (
         np.array([getattr(one.collided, name) for one in found.bins]) for name in ("value", "low", "high")
     )
@@ -124,16 +125,23 @@ def calibration(found: ReliabilityReport | None) -> Markup:
         ]
     )  # fmt: skip
     figure.update_xaxes(title_text="predicted risk")
-    figure.update_yaxes(title_text="share that collided")
+    figure.update_yaxes(title_text="share that collided, or not known")
     rows = [
-        [f"{one.low:g} to {one.high:g}", str(one.drives), number(one.predicted.value), percent(one.collided),
-         one.verdict]
+        [f"{one.low:g} to {one.high:g}", str(one.drives), str(one.recordings), number(one.predicted),
+         percent(one.collided), one.verdict]
         for one in found.bins
     ]  # fmt: skip
     told = html(
-        "<p>{} held-out drives: <b>{}</b>. {} of them have no prediction or no outcome.</p>", found.drives,
-        found.verdict, found.unknown,
+        "<p>{}: <b>{}</b>. Without a prediction or an outcome: {}.</p>",
+        counted(found.drives, "held-out drive"), found.verdict, found.unknown,
     )  # fmt: skip
     drawn = to_html(style(figure, 320.0), "reliability")
-    heads = ["predicted", "drives", "mean", "collided (95 % of all bins)", ""]
+    heads = [
+        "predicted",
+        "drives",
+        "of recordings, all known",
+        "mean",
+        "collided, or not known (95 % of all bins)",
+        "",
+    ]
     return join([told, drawn, table(heads, rows)])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from resim.core.spelling import counted
 from resim.report.markup import Markup, html
 from resim.report.tables import table
 from resim.space.page.cover import calibration
@@ -43,7 +44,8 @@ def _checks(checks: tuple[ReleaseCheck, ...]) -> Markup:
          "met" if one.met else "exceeded" if one.exceeded else "not shown", one.source]
         for one in checks
     ]  # fmt: skip
-    return table(["asked for", "estimate", "interval", "limit", "", "source of the limit"], rows)
+    heads = ["asked for", "estimate", "interval", "limit", "", "source of the limit"]
+    return table(heads, rows, "checks reasons")
 
 
 def _budgets(budgets: tuple[AccidentBudget, ...]) -> Markup:
@@ -67,13 +69,15 @@ def _forbidding(found: ReleaseReport) -> Markup:
     if not found.forbidding:
         return html("<p>None.</p>")
     rows = [
-        [one.cluster, one.bucket, f"{100.0 * one.share:.3g} %", number(one.risk), number(one.accidents), one.why,
-         one.medoid]
+        [one.cluster, one.bucket, f"{100.0 * one.share:.3g}\u00a0%", number(one.risk), number(one.accidents),
+         one.medoid, one.why]
         for one in found.forbidding[:LISTED]
     ]  # fmt: skip
     more = len(found.forbidding) - LISTED
-    heads = ["cluster", "bucket", "share", "risk at most", "accidents an hour at most", "why", "test case"]
-    return html("{}<p>{}</p>", table(heads, rows), f"{more} more are in release.json." if more > 0 else "")
+    heads = ["cluster", "bucket", "share", "risk at most", "accidents an hour at most", "test case", "why"]
+    return html(
+        "{}<p>{}</p>", table(heads, rows, "reasons"), f"{more} more are in release.json." if more > 0 else ""
+    )
 
 
 def _remaining(found: ReleaseReport) -> Markup:
@@ -82,7 +86,8 @@ def _remaining(found: ReleaseReport) -> Markup:
         "not even that is enough: kinds that were not seen cannot be left out"
     )  # fmt: skip
     return html(
-        "<p>{} clusters, {} of what comes; at most {} accidents an hour: {}.</p>", left.clusters, percent(left.share),
+        "<p>{}, {} of what comes; at most {} accidents an hour: {}.</p>", counted(left.clusters, "cluster"),
+        percent(left.share),
         number(left.high), enough,
     )  # fmt: skip
 
@@ -91,11 +96,15 @@ def _plan(found: ReleaseReport) -> Markup:
     rows = [
         [str(k), f"drive {number(one.amount)} h more" if one.what == "drive" else
          f"simulate {one.amount:g} more variations of {one.medoid}", one.cluster or "–", number(one.after),
-         f"{100.0 * (1.0 - one.after / one.before):.3g} %" if np.isfinite(one.before) else "–", one.first]
+         f"{100.0 * (1.0 - one.after / one.before):.3g}\u00a0%" if np.isfinite(one.before) else "–", one.first]
         for k, one in enumerate(found.plan, start=1)
     ]  # fmt: skip
     heads = ["rank", "what", "cluster", "accidents an hour then, at most", "less by", "before it"]
-    return table(heads, rows) if rows else html("<p>Nothing that is known would help: drive more.</p>")
+    return (
+        table(heads, rows, "reasons")
+        if rows
+        else html("<p>Nothing that is known would help: drive more.</p>")
+    )
 
 
 def _hashes(found: ReleaseReport) -> Markup:

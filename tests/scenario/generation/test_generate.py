@@ -69,6 +69,28 @@ def test_derivatives_are_those_of_the_motion(lane, s, speeds, t, seconds, to, of
 
 @settings(max_examples=12, deadline=None)
 @given(
+    st.lists(st.tuples(st.floats(0.3, 2.0), st.floats(-3.0, 3.0)), min_size=2, max_size=5), st.booleans(),
+    st.floats(0.0, 3.0),
+)  # fmt: skip
+def test_who_slips_moves_as_before_and_is_turned_as_told(steps, reverse, first) -> None:
+    times = (first + np.cumsum([lasts for lasts, _ in steps])).tolist()
+    values = [slip for _, slip in steps]
+    one = {**lanes("ego", "2", -2, 100.0, 12.0), "reverse": reverse}
+    plain = made(MOTORWAY, one, duration=8.0, rate=FINE).tracks
+    told = made(MOTORWAY, {**one, "slip": {"times": times, "values": values}}, duration=8.0, rate=FINE).tracks
+    for name in ("x", "y", "v", "a"):
+        assert np.array_equal(getattr(told, name), getattr(plain, name))
+    slip = np.angle(np.exp(1j * (told.heading - plain.heading)))[0]
+    for t, value in zip(times, values, strict=True):
+        if t <= 8.0:
+            assert slip[np.searchsorted(told.t, t - 1e-9)] == pytest.approx(value, abs=1e-2)
+    rate = np.angle(np.exp(1j * (told.heading[:, 2:] - told.heading[:, :-2]))) / (2.0 / FINE)
+    assert told.yaw_rate is not None
+    assert np.abs(rate - told.yaw_rate[:, 1:-1]).max() < 2e-2
+
+
+@settings(max_examples=12, deadline=None)
+@given(
     st.lists(st.tuples(st.floats(5.0, 30.0), st.floats(-4.0, 4.0)), min_size=4, max_size=8),
     st.floats(1.0, 20.0),
 )
