@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 NOTED = 0.5
-"""s between two notes for who watches, and how many of the last words are in them: LAST."""
+"""s between two notes for who watches."""
 LAST = 30
+"""How many of the last words are in a note."""
 EVERY = 10.0
 """s between two lines where there is no terminal."""
 FEWEST = 3

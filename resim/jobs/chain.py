@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import shlex
@@ -24,6 +25,7 @@ from resim.jobs.lake import again, the_catalog
 from resim.results import EXPORT, refuse_within, whole_folder, write_json
 from resim.results.catalog import Catalog
 from resim.results.entry import KINDS, CatalogEntry, CatalogInput
+from resim.results.folders import check_results
 from resim.results.inputs import files_of_input, read_input
 from resim.results.lake import ITEM_KINDS, LakeItem, with_content
 from resim.results.origin import ResultOrigin, read_origin
@@ -62,25 +64,30 @@ def export_chain(wanted: str, out: str | Path, *, catalog: str | None = None) ->
     return write_chain(lake, lake.get(wanted, ITEM_KINDS), path_of(out))
 
 
-def write_chain(lake: Catalog, entry: CatalogEntry, folder: Path) -> ExportReport:
+def write_chain(lake: Catalog, entry: CatalogEntry, folder: Path, largest: float = math.inf) -> ExportReport:
     """Write something of a lake with all that it came from as an RO-Crate.
 
     Args:
         lake: The catalog.
         entry: Something in it.
         folder: For the crate; an earlier export there is replaced.
+        largest: Bytes that all files may have.
 
     Returns:
         What was written; what is missing is in its notes.
 
     Raises:
-        InputError: Its own files are not at hand, or the folder cannot be written.
+        InputError: Its own files are not at hand or too large, or the folder cannot be written.
     """
     known, missing = _gathered(lake, entry)
     packed = [one.entry.folder for one in known.values() if one.files]
     for path in packed:
         refuse_within(folder, path, f"lies within {path}, which is to be packed")
     files = [file.parent for one in known.values() for file in one.files]
+    size = sum(path.stat().st_size for one in known.values() for path in one.files.values())
+    if size > largest:
+        problem = f"has {size / 1e9:.1f} GB with all that it came from, more than is given here"
+        raise InputError(entry.name, problem, f"`resim lake crate {entry.id} --out FOLDER` writes it.")
     above = Path(os.path.commonpath([*(path.parent for path in packed), *files]))
     with whole_folder(folder, EXPORT, packed) as new:
         links = [_packed(one, above, new, known) for one in known.values()]
@@ -165,11 +172,12 @@ def _missing(its: CatalogInput, why: str) -> ChainLink:
 
 
 def _files(entry: CatalogEntry) -> dict[Path, Path]:
-    """The files of something; links are not followed."""
+    """The files of something; links are not followed, and of results nothing but results is taken."""
     if entry.kind == "cluster":  # it lies in its space
         return {}
     if entry.kind not in KINDS:
         return files_of_input(entry.folder, entry.kind)  # type: ignore[arg-type]
+    check_results(entry.folder, KINDS[entry.kind][1])
     return {p: p for p in sorted(entry.folder.rglob("*")) if p.is_file() and not p.is_symlink()}
 
 

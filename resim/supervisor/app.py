@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import AsyncIterator, Callable
-from contextlib import ExitStack, asynccontextmanager, suppress
+from contextlib import asynccontextmanager, suppress
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
@@ -181,14 +181,13 @@ def _crate(supervisor: Supervisor) -> Callable[[Request], Response]:
         found = supervisor.catalog.entries([request.path_params["name"][:40]])
         if not found:
             raise MissingError("There is no such thing.")
-        ending = ExitStack()
         try:
-            file = ending.enter_context(packed_chain(found[0]))
+            file, remove = packed_chain(found[0])
         except ResimError as e:
             return refusal(409, str(e))
         name = f"{found[0].kind}-{found[0].id}.crate.zip"
         return FileResponse(
-            file, media_type="application/zip", filename=name, background=BackgroundTask(ending.close)
+            file, media_type="application/zip", filename=name, background=BackgroundTask(remove)
         )
 
     return sent

@@ -17,7 +17,7 @@ MOST_READ = 20_000_000
 """Bytes of journals that are read at one look; the rest at the next ones."""
 KEPT = 16
 """Sweeps whose counts are remembered."""
-MOST_WORDS = 200
+MOST_WORDS, MOST_RUNS = 200, 10_000_000
 KPI = "kpi "
 
 
@@ -49,7 +49,12 @@ class SweepSoFar:
     collisions: int = 0
     risk: tuple[float, int] | None = None
     read: dict[str, int] = field(default_factory=dict, repr=False)
-    seen: set[int] = field(default_factory=set, repr=False)
+    seen: bytearray = field(default_factory=bytearray, repr=False)
+
+    def copy(self) -> SweepSoFar:
+        """Give what a page shows, which stays as it is while others look on."""
+        criteria = {name: Counter(counts) for name, counts in self.criteria.items()}
+        return SweepSoFar(self.runs, Counter(self.verdicts), criteria, self.collisions, self.risk)
 
 
 def task_progress(folder: Path) -> TaskProgress | None:
@@ -83,7 +88,7 @@ class SweepsSoFar:
             self._known[sweep] = found
             if len(self._known) > KEPT:
                 self._known.popitem(last=False)
-            return found
+            return found.copy()
 
 
 def stamp_of(folder: Path) -> float:
@@ -122,9 +127,12 @@ def _read_on(found: SweepSoFar, path: Path) -> None:
 
 def _count(found: SweepSoFar, entry: Mapping[str, object]) -> None:
     run, row = entry["run"], entry["row"]
-    if type(run) is not int or run in found.seen or not isinstance(row, Mapping):
+    if type(run) is not int or not 0 <= run < MOST_RUNS or not isinstance(row, Mapping):
         return
-    found.seen.add(run)
+    found.seen.extend(bytes(max(0, run + 1 - len(found.seen))))
+    if found.seen[run]:
+        return  # it was done twice
+    found.seen[run] = 1
     found.runs += 1
     found.verdicts[
         "failed" if row.get("failure") is not None else str(row.get("verdict") or "not judged")

@@ -13,7 +13,7 @@ from calling import called
 from conftest import ROOT
 
 from resim.core.errors import InputError
-from resim.jobs.chain import export_chain
+from resim.jobs.chain import export_chain, write_chain
 from resim.jobs.lake import lake_add, lake_show
 from resim.jobs.mirror import mirrored
 from resim.recordings.content import content_hash
@@ -89,6 +89,12 @@ def test_what_is_not_at_hand_is_named_with_the_reason(lake: Path, tmp_path: Path
     assert not (tmp_path / "crate" / "scenarios" / "criteria").exists()
     with pytest.raises(InputError, match="which is to be packed"):
         export_chain(str(lake), lake / "crate")
+    (lake / "secret.txt").write_text("not a result")
+    with pytest.raises(InputError, match=r"holds secret\.txt, which is not a resim result"):
+        export_chain(str(lake), tmp_path / "crate")
+    (lake / "secret.txt").unlink()
+    with pytest.raises(InputError, match="GB with all that it came from"):
+        write_chain(catalog, catalog.of_folder(lake)[0], tmp_path / "crate", 1e5)
     shutil.rmtree(lake)
     with pytest.raises(InputError, match="its files are gone"):
         export_chain(str(lake), tmp_path / "crate")

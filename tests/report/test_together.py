@@ -59,3 +59,9 @@ def test_drives_on_other_maps_are_refused(drives: tuple[PlayedDrive, PlayedDrive
     other = replace(drives[1], network=load(ROOT / "networks" / "urban.xodr"))
     with pytest.raises(InputError, match="is on another map than cut_in_brake"):
         together([drives[0], other])
+
+
+def test_sources_of_one_drive_that_are_alike_are_all_there(drives: tuple[PlayedDrive, PlayedDrive]) -> None:
+    gt = drives[0].layers[0]
+    replayed = replace(drives[0], layers=(gt, replace(gt, name="rGT")))  # as of a build that replays
+    assert [layer.name for layer in together([replayed, replayed]).layers] == ["GT", "rGT"]

@@ -112,3 +112,16 @@ def test_paths_that_lead_nowhere_are_refused(tmp_path: Path) -> None:
         restore(catalog, tmp_path, pipe)
     with pytest.raises(InputError, match="cannot be made"):
         restore(catalog, file, file)
+
+
+def test_restoring_says_that_tasks_will_begin(
+    tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / "catalog.sqlite"))
+    TaskQueue(Catalog(str(tmp_path / "catalog.sqlite"))).add(new_id(), "check", ("check",), "/tasks/1")
+    assert call("lake", "backup", tmp_path / "kept")[0] == 0
+    monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / "again.sqlite"))
+    code, out, error = call("lake", "restore", tmp_path / "kept")
+    assert (code, out.strip()) == (0, "put back: 0 resim_root, 1 resim_task")
+    assert "begin with the next `resim serve`" in error

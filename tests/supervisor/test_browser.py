@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,9 @@ import pytest
 from browsed import chromium, too_faint
 from supervised import PAGES, waited
 
+from resim.recordings.content import content_hash
 from resim.results.catalog import Catalog
+from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
 from resim.results.queue import TaskQueue, new_id
 from resim.supervisor.processes import is_alive, read_whole
 
@@ -202,3 +206,77 @@ def test_a_hostile_document_can_do_nothing(
     assert "/pages/" in page.url
     assert queue.get(name).state == "waiting"
     context.close()
+
+
+def test_two_builds_are_compared_and_a_number_is_traced_to_its_origin(
+    opened: Callable[..., Any], served: Callable[..., Any], catalog: str, tmp_path: Path
+) -> None:
+    _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
+    drive = ROOT / "scenarios" / "cut_in_brake"
+    content = content_hash(drive)
+    for day, (label, verdict) in enumerate((("pilot-1.0", "PASS"), ("pilot-1.1", "FAIL")), start=1):
+        inputs = (
+            CatalogInput("recording", drive.name, "", content),
+            CatalogInput("build", label, "", f"{day:064x}"),
+        )
+        outcome = CatalogOutcome(drive.name, label, "rGT", verdict, "distance")
+        written = f"2026-11-0{day}T05:00:00+00:00"
+        entry = CatalogEntry("run", drive.name, tmp_path / label, "here", written, f"{day}", "0.1.0", verdict)
+        Catalog(catalog).add(replace(entry, counts={verdict: 1}, inputs=inputs, outcomes=(outcome,)))
+    page = opened(address, token)
+    wait_for_scan(page, address)
+    page.goto(f"{address}/builds")
+    page.click("button:text-is('Compare side by side')")
+    page.locator(".badge", has_text="worse").wait_for()
+    page.click("td a:has-text('FAIL')")
+    page.wait_for_url("**/results/*")
+    assert "Its folder is on here" in page.inner_text("main")
+    page.click(f"main a:text-is('{drive.name}')")  # what went in
+    page.wait_for_url("**/experiments/*")
+    with page.expect_download() as found:
+        page.click("a:has-text('RO-Crate')")
+    found.value.save_as(tmp_path / "crate.zip")
+    with zipfile.ZipFile(tmp_path / "crate.zip") as archive:
+        names = archive.namelist()
+    assert "ro-crate-metadata.json" in names
+    assert any(name.endswith("cut_in_brake/gt.csv") for name in names)
+
+
+MANY = f"""
+name = "many"
+criteria = "{ROOT}/scenarios/criteria/highway.toml"
+build = ["{ROOT}/adfunc/builds/highway_pilot-1.0.toml"]
+perception = "{ROOT}/adfunc/perception/latency.json"
+seeds = 30
+
+[[recording]]
+folder = "{ROOT}/scenarios/cut_in_brake"
+
+[[parameter]]
+name = "perception.latency.speed"
+low = 0.0
+high = 1.2
+steps = 20
+"""
+"""A sweep that takes minutes."""
+
+
+@pytest.mark.slow
+def test_a_sweep_is_seen_as_it_grows(
+    opened: Callable[..., Any], served: Callable[..., Any], tmp_path: Path
+) -> None:
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "many.toml").write_text(MANY)
+    _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
+    page = opened(address, token, viewport={"width": 400, "height": 900})
+    wait_for_scan(page, address)
+    page.goto(f"{address}/jobs/sweep")
+    page.select_option("#f-file", label="many – files")
+    page.click("text=Start >> nth=-1")
+    page.wait_for_url("**/tasks/*")
+    page.locator(".progress", has_text="runs").wait_for()
+    page.locator("th:text-is('distance')").wait_for()  # criteria of runs that are done
+    counted = page.locator(".progress span").inner_text()
+    page.wait_for_function("then => document.querySelector('.progress span').innerText !== then", arg=counted)
+    page.locator("main button:has-text('Cancel')").click()
+    page.locator(".badge", has_text="cancelled").first.wait_for()

@@ -353,3 +353,36 @@ def test_code_in_help_is_shown_as_code_and_markup_never_is() -> None:
 
     assert coded("what `resim <b>` wrote") == "what <code>resim &lt;b&gt;</code> wrote"
     assert coded("one ` <b>") == "one ` &lt;b&gt;"
+
+
+def test_one_click_leads_to_the_traces_of_a_run_above_others(
+    user: Any, known: Catalog, tmp_path: Path
+) -> None:
+    for name in ("1", "2"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.json").write_text("{}")
+    runs = [entry(day=day, folder=tmp_path / str(day), host=platform.node()) for day in (1, 2)]
+    known.add(*runs)
+    (link,) = re.findall(r'href="(/jobs/play[^"]*)">Above others', user.get(f"/results/{runs[0].id}").text)
+    form = user.get(link.replace("&amp;", "&")).text
+    assert f'value="result-{runs[0].id}" selected' in form
+    assert f'value="result-{runs[1].id}" selected' not in form
+    assert re.search(r'name="together".*?<option selected>yes', form)
+
+
+def test_moments_at_which_criteria_were_not_met_open_the_player_there(
+    user: Any, known: Catalog, tmp_path: Path
+) -> None:
+    import duckdb
+
+    one = entry(folder=tmp_path, host=platform.node())
+    (tmp_path / "run.json").write_text("{}")
+    (tmp_path / "report.html").write_text("")
+    duckdb.execute(
+        "COPY (SELECT 'rGT' AS source, 'distance' AS name, 'FAIL' AS verdict, 7.5 AS t, '1' AS object,"
+        f" 'too near' AS reason, 0.5 AS value) TO '{tmp_path / 'kpis.parquet'}' (FORMAT parquet)"
+    )
+    known.add(one)
+    assert f'href="/open/results/{one.id}/report.html#t=7.50"' in user.get(f"/results/{one.id}").text
+    (tmp_path / "kpis.parquet").write_bytes(b"PAR1")  # damaged: there is no table
+    assert "When criteria" not in user.get(f"/results/{one.id}").text

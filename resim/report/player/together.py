@@ -21,6 +21,7 @@ def together(drives: Sequence[PlayedDrive]) -> PlayedDrive:
     first = drives[0]
     road = file_hash(first.network.path)
     layers: list[Layer] = []
+    bases: list[str] = []
     marks: list[TimelineMark] = []
     notes: list[str] = []
     for number, drive in enumerate(drives, start=1):
@@ -30,8 +31,17 @@ def together(drives: Sequence[PlayedDrive]) -> PlayedDrive:
         shown = {"": ""}
         for layer in drive.layers:
             new = _layer(layer, drive, first.ego, number)
-            k = next((k for k, old in enumerate(layers) if _is_same(new.tracks, old.tracks)), len(layers))
-            layers[k:] = [new] if k == len(layers) else [_with_curves(layers[k], new), *layers[k + 1 :]]
+            alike = (
+                k
+                for k, old in enumerate(layers)
+                if bases[k] == layer.name and _is_same(new.tracks, old.tracks)
+            )
+            k = next(alike, len(layers))
+            if k < len(layers):
+                layers[k] = _with_curves(layers[k], new)
+            else:
+                layers.append(new)
+                bases.append(layer.name)
             shown[layer.name] = layers[k].name
         of = f"{number}: " if number > 1 else ""
         marks += [replace(m, source=shown.get(m.source, m.source), text=of + m.text) for m in drive.marks]
