@@ -49,6 +49,7 @@ class StripLane:
 
     @property
     def centre(self) -> float:
+        """Metres to the left of the strip's own lane."""
         return 0.5 * (self.left + self.right)
 
 
@@ -71,6 +72,7 @@ class Ground:
 
     @property
     def name(self) -> str:
+        """That of the map."""
         return self.network.path.stem
 
     @cached_property
@@ -294,4 +296,3 @@ def _ends(network: RoadNetwork, road: str, lane: int) -> tuple[np.ndarray, np.nd
     s = np.array([1e-6, network.roads[road].length - 1e-6])
     x, y = network.to_xy(np.full(2, road), np.full(2, lane), s, np.zeros(2))
     return np.asarray(x), np.asarray(y)
-

@@ -14,7 +14,8 @@ import numpy as np
 PUBLIC = (
     "carla/Town04.xodr", "esmini/e6mini.xodr", "alks/alks_road_different_curvatures.xodr", "esmini/fabriksgatan.xodr",
     "edge_cases/od_newmarket.xodr", "esmini/soderleden.xodr", "esmini/highway_exit.xodr",
-    "esmini/highway_example_with_merge_and_split.xodr", "esmini/jolengatan.xodr", "alks/alks_road_left_radius_250m.xodr",
+    "esmini/highway_example_with_merge_and_split.xodr", "esmini/jolengatan.xodr",
+    "alks/alks_road_left_radius_250m.xodr",
 )  # fmt: skip
 SHIPPED = ("motorway.xodr", "urban.xodr", "proving_ground.xodr")
 HEAD = '<?xml version="1.0"?><OpenDRIVE><header revMajor="1" revMinor="6" name="{0}"/>{1}</OpenDRIVE>'
@@ -22,8 +23,8 @@ LANE = '<lane id="{0}" type="{1}"><link>{2}</link><width sOffset="0" a="{3}" b="
 SECTION = '<laneSection s="{0}">{1}<center><lane id="0" type="none"/></center>{2}</laneSection>'
 GEOMETRY = '<geometry s="{0:.9f}" x="{1:.9f}" y="{2:.9f}" hdg="{3:.9f}" length="{4:.9f}">{5}</geometry>'
 ROAD = (
-    '<road id="{0}" length="{1:.9f}" junction="{2}"><link>{3}</link><type s="0" type="{4}"><speed max="{5}" unit="m/s"/>'
-    "</type><planView>{6}</planView><lanes>{7}</lanes></road>"
+    '<road id="{0}" length="{1:.9f}" junction="{2}"><link>{3}</link><type s="0" type="{4}"><speed max="{5}"'
+    ' unit="m/s"/></type><planView>{6}</planView><lanes>{7}</lanes></road>'
 )
 END = '<{0} elementType="{1}" elementId="{2}" {3}/>'
 
@@ -34,7 +35,10 @@ def maps(shipped: Path, data: Path | None, scratch: Path, drawn: int, seed: int)
     out += [data / "xodr" / name for name in PUBLIC if (data / "xodr" / name).is_file()] if data else []
     rng = np.random.default_rng([seed, 99])
     for k in range(drawn):
-        out += [write_ramps(scratch / f"ramps_{k}.xodr", rng), write_u_turn(scratch / f"u_turn_{k}.xodr", rng)]
+        out += [
+            write_ramps(scratch / f"ramps_{k}.xodr", rng),
+            write_u_turn(scratch / f"u_turn_{k}.xodr", rng),
+        ]
     return out
 
 
@@ -43,7 +47,9 @@ def _lane(number: int, kind: str, width: float, links: str = "ps") -> str:
     return LANE.format(number, kind, link, width)
 
 
-def _line(s: float, x: float, y: float, heading: float, length: float, bend: float) -> tuple[str, float, float, float]:
+def _line(
+    s: float, x: float, y: float, heading: float, length: float, bend: float
+) -> tuple[str, float, float, float]:
     """An arc (or a line), and where it ends."""
     shape = f'<arc curvature="{bend:.9f}"/>' if bend else "<line/>"
     text = GEOMETRY.format(s, x, y, heading, length, shape)
@@ -80,7 +86,11 @@ def write_u_turn(file: Path, rng: np.random.Generator) -> Path:
     """
     radius, width = float(rng.uniform(5.0, 12.0)), 3.5
     bend = float(rng.uniform(1.0 / 300.0, 1.0 / 100.0)) * float(rng.choice([-1, 1]))
-    heading, length, inside = float(rng.uniform(0.0, 2.0 * pi)), float(rng.uniform(90.0, 140.0)), 2.0 * radius + 10.0
+    heading, length, inside = (
+        float(rng.uniform(0.0, 2.0 * pi)),
+        float(rng.uniform(90.0, 140.0)),
+        2.0 * radius + 10.0,
+    )
     median = 2.0 * radius - width
 
     def lanes() -> str:
@@ -96,20 +106,25 @@ def write_u_turn(file: Path, rng: np.random.Generator) -> Path:
     ahead = right.format(LANE.format(-1, "driving", '<predecessor id="-1"/><successor id="-1"/>', width))
     round_ = right.format(LANE.format(-1, "driving", '<predecessor id="-1"/><successor id="2"/>', width))
     ends = END.format("predecessor", "road", "1", 'contactPoint="end"')
+    on_end, onto = (
+        END.format("successor", "road", "1", 'contactPoint="end"'),
+        END.format("successor", "road", "2", 'contactPoint="start"'),
+    )
     roads = [
         ROAD.format("1", length, "-1", END.format("successor", "junction", "9", ""), "town", 13.9, first, lanes()),
         ROAD.format("2", length, "-1", END.format("predecessor", "junction", "9", ""), "town", 13.9, last, lanes()),
-        ROAD.format("10", inside, "9", ends + END.format("successor", "road", "2", 'contactPoint="start"'),
+        ROAD.format("10", inside, "9", ends + onto,
                     "town", 13.9, on, ahead),
-        ROAD.format("11", pi * (radius - 0.5 * width), "9", ends + END.format("successor", "road", "1", 'contactPoint="end"'),
+        ROAD.format("11", pi * (radius - 0.5 * width), "9", ends + on_end,
                     "town", 13.9, circle, round_),
     ]  # fmt: skip
     ways = "".join(
-        f'<connection id="{k}" incomingRoad="1" connectingRoad="{road}" contactPoint="start"><laneLink from="-1" to="-1"/>'
-        "</connection>"
+        f'<connection id="{k}" incomingRoad="1" connectingRoad="{road}" contactPoint="start">'
+        '<laneLink from="-1" to="-1"/></connection>'
         for k, road in enumerate(("10", "11"))
     )
     file.write_text(
-        HEAD.format(file.stem, "".join(roads) + f'<junction id="9" name="nine">{ways}</junction>'), encoding="utf-8"
+        HEAD.format(file.stem, "".join(roads) + f'<junction id="9" name="nine">{ways}</junction>'),
+        encoding="utf-8",
     )
     return file

@@ -205,5 +205,7 @@ def turns(ground: Ground, one: Seen, row: int) -> list[Event]:
     for begin, end, label in ground.turns:
         inside = np.flatnonzero((way >= begin) & (way <= end))
         if len(inside) and way[0] < begin and way[-1] > end:
-            out.append((one.names[row], label, float(one.t[steps[inside[0]]]), float(one.t[steps[inside[-1]]])))
+            out.append(
+                (one.names[row], label, float(one.t[steps[inside[0]]]), float(one.t[steps[inside[-1]]]))
+            )
     return out

@@ -59,18 +59,21 @@ class Seen:
     inside: np.ndarray
 
     def steps(self, row: int) -> list[int]:
+        """Give when an object is there."""
         return np.flatnonzero(self.valid[row]).tolist()
 
     def motor(self, row: int) -> bool:
+        """Say whether an object is of a kind that maneuvers are found of."""
         return self.kinds[row] not in ("pedestrian", "bicycle", "animal", "obstacle")
 
     def against(self, row: int, k: int) -> bool:
+        """Say whether an object is headed against its lane."""
         return math.cos(self.rel[row, k]) < 0.0
 
 
 @dataclass(frozen=True)
 class Change:
-    """A lane change: when it begins, crosses, ends [s]; Kaefer's samples; lanes gained to the left; None: not judged."""
+    """A lane change: when it begins, crosses, ends [s]; Kaefer's samples; lanes to the left, None if not judged."""
 
     start: float
     at: float
@@ -81,6 +84,7 @@ class Change:
 
     @property
     def label(self) -> str:
+        """As mined labels are named."""
         if self.lanes is None:
             return "lane_change_not_judged"
         return f"lane_change_{'left' if self.lanes > 0 else 'right'}"
@@ -135,7 +139,9 @@ def lane_changes(seen: Seen, row: int, across: np.ndarray) -> list[Change]:
             if lanes * way <= 0.0:  # swaying over the border and back, or away from the new lane
                 continue
         if out and ends[-1] == (before, after):
-            out[-1] = Change(min(out[-1].start, start), out[-1].at, max(out[-1].end, end), before, after, lanes)
+            out[-1] = Change(
+                min(out[-1].start, start), out[-1].at, max(out[-1].end, end), before, after, lanes
+            )
         elif out and lanes and out[-1].lanes and out[-1].lanes * lanes > 0 and out[-1].end >= at:
             one = out[-1]
             out[-1] = Change(one.start, one.at, max(one.end, end), one.before, after, one.lanes + lanes)
@@ -146,9 +152,7 @@ def lane_changes(seen: Seen, row: int, across: np.ndarray) -> list[Change]:
     return out
 
 
-def cuts(
-    seen: Seen, row: int, change: Change, led: tuple[np.ndarray, np.ndarray]
-) -> Iterator[Event]:
+def cuts(seen: Seen, row: int, change: Change, led: tuple[np.ndarray, np.ndarray]) -> Iterator[Event]:
     """The cut-in and the cut-out of a lane change, where somebody closes in by less than two seconds."""
     if change.lanes is None or change.before is None or change.after is None:
         return
@@ -208,9 +212,7 @@ def tailgating(seen: Seen, row: int, led: tuple[np.ndarray, np.ndarray]) -> Iter
         yield seen.names[row], names[now[0]], begin, float(t[steps[-1]])
 
 
-def _entered(
-    seen: Seen, leader: np.ndarray, row: int, ahead: int, last: int, previous: int, k: int
-) -> bool:
+def _entered(seen: Seen, leader: np.ndarray, row: int, ahead: int, last: int, previous: int, k: int) -> bool:
     """Whether who is newly ahead came there from another lane, or squeezed in, and was there before."""
     chain = seen.chain
     if chain[row, previous] != chain[row, k] or not seen.valid[ahead, previous]:
@@ -308,7 +310,12 @@ def wrong_way(seen: Seen, row: int) -> Iterator[Event]:
     """Forward against a lane's direction outside of junctions for a second or longer, but for overtaking."""
     steps, t = seen.steps(row), seen.t
     holds = [
-        bool(seen.lane[row, k] >= 0 and seen.against(row, k) and seen.v[row, k] > 1.0 and not seen.inside[row, k])
+        bool(
+            seen.lane[row, k] >= 0
+            and seen.against(row, k)
+            and seen.v[row, k] > 1.0
+            and not seen.inside[row, k]
+        )
         for k in steps
     ]
     for start, end in spans(holds):

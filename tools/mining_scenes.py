@@ -21,15 +21,13 @@ MARGIN = 15.0
 KMH = 3.6
 PEAK = 1.875
 """Of a smooth step of the speed: most acceleration over the mean."""
-LANE_ENDS = 6.0
-"""m more that a longer vehicle of a variation may need."""
 
 
 def draw_speed(
     ground: Ground, rng: np.random.Generator, seconds: float, least: float = SLOWEST, most: float = 38.0,
     ahead: float = 0.0,
 ) -> float | None:  # fmt: skip
-    """Draw a speed [m/s] that the ground has room for, below its limit; None for none. ahead: m that are needed more."""
+    """Draw a speed [m/s] that the ground has room for, below its limit; None for none. ahead: m needed besides."""
     top = min(most, (ground.length - MARGIN - ahead) / seconds, np.sqrt(ALONG / max(ground.bend, 1e-6)))
     if np.isfinite(ground.limit):
         top = min(top, 0.97 * ground.limit)
@@ -147,13 +145,12 @@ def tailgating(grade: str) -> Scene:
 
     def scene(ground: Ground, rng: np.random.Generator) -> Plant | None:
         lane, seconds = int(rng.choice(same_way(ground))), 6.0
-        free = replace(ground, path=ground.path)
         top = min((ground.length - 75.0) / seconds, np.sqrt(ALONG / max(ground.bend, 1e-6)), limits[grade][1])
         if top <= limits[grade][0]:
             return None
         v = float(rng.uniform(limits[grade][0], top))
-        town = free.road_at(0.0).startswith("town") or (
-            free.road_at(0.0) in ("", "unknown") and free.limit <= 50.0 / KMH
+        town = ground.road_at(0.0).startswith("town") or (
+            ground.road_at(0.0) in ("", "unknown") and ground.limit <= 50.0 / KMH
         )
         required = v if town else 0.5 * KMH * v
         away = required * float(rng.uniform(*shares[grade]))
@@ -163,7 +160,10 @@ def tailgating(grade: str) -> Scene:
         if rng.random() < 0.5:  # it falls back from 3 s on
             steps = ((3.0, 1.5, -0.15 * v),)
         aside = [constant(in_lane(ground, lane, rng)) for _ in range(2)]
-        drives = [Drive("a", driven(0.0, v, *steps), aside[0], seconds), Drive("b", driven(away, v), aside[1], seconds)]
+        drives = [
+            Drive("a", driven(0.0, v, *steps), aside[0], seconds),
+            Drive("b", driven(away, v), aside[1], seconds),
+        ]
         return Plant(ground, drives, [("a", f"tailgating_{grade}", 0.0, 2.0)])
 
     return scene
@@ -187,7 +187,9 @@ def entered_ahead(ground: Ground, rng: np.random.Generator) -> Plant | None:
 def speeding(ground: Ground, rng: np.random.Generator) -> Plant | None:
     seconds, over = 7.0, float(rng.uniform(1.03, 1.3))
     top = (ground.length - MARGIN) / seconds
-    if not np.isfinite(ground.limit) or over * ground.limit > min(top, np.sqrt(2.0 * ALONG / max(ground.bend, 1e-6))):
+    if not np.isfinite(ground.limit) or over * ground.limit > min(
+        top, np.sqrt(2.0 * ALONG / max(ground.bend, 1e-6))
+    ):
         return None
     v = ground.limit * over
     if rng.random() < 0.5:
@@ -196,7 +198,9 @@ def speeding(ground: Ground, rng: np.random.Generator) -> Plant | None:
         way = driven(0.0, 0.95 * ground.limit, (1.0, 2.0, v - 0.95 * ground.limit))
         told = (3.0, seconds)
     lane = int(rng.choice(same_way(ground)))
-    return Plant(ground, [Drive("a", way, constant(in_lane(ground, lane, rng)), seconds)], [("a", "speeding", *told)])
+    return Plant(
+        ground, [Drive("a", way, constant(in_lane(ground, lane, rng)), seconds)], [("a", "speeding", *told)]
+    )
 
 
 def standing(ground: Ground, rng: np.random.Generator) -> Plant | None:
@@ -361,10 +365,16 @@ def walking(ground: Ground, rng: np.random.Generator) -> Plant | None:
 
 
 def reversing(ground: Ground, rng: np.random.Generator) -> Plant | None:
-    lane, v, seconds = int(rng.choice(same_way(ground))), float(rng.uniform(0.8, 3.0)), float(rng.uniform(3.0, 8.0))
+    lane, v, seconds = (
+        int(rng.choice(same_way(ground))),
+        float(rng.uniform(0.8, 3.0)),
+        float(rng.uniform(3.0, 8.0)),
+    )
     if ground.length < 2.0 * v * seconds:
         return None
-    drive = Drive("a", driven(0.8 * ground.length, -v), constant(in_lane(ground, lane, rng)), seconds, backwards=True)
+    drive = Drive(
+        "a", driven(0.8 * ground.length, -v), constant(in_lane(ground, lane, rng)), seconds, backwards=True
+    )
     return Plant(ground, [drive], [("a", "reversing", 0.5, seconds - 0.5)])
 
 
@@ -396,11 +406,9 @@ def critical(label: str) -> Scene:
             faster = float(rng.uniform(4.0, 7.0))
             lasts = float(rng.uniform(1.6, 2.0))
             gap = 0.5 * faster * lasts + 3.0  # where it begins to brake
-            begin = (0.25 * faster + gap) / faster
             away, steps = faster * 1.5 + gap + 4.7, ((1.5, lasts, -1.15 * faster),)
             told = ("a", label, 1.45, 1.55) if gap / faster < 1.45 else None
             way, ahead = driven(0.0, v, *steps), driven(away, v - faster)
-            del begin
         else:
             away = 4.7 + v * float(rng.uniform(0.3, 0.45))
             way, ahead = driven(0.0, v, (3.5, 1.5, -0.2 * v)), driven(away, v)

@@ -3,9 +3,9 @@
     python tools/validate_planted.py [DATA] [--count N] [--varied M] [--seed S]
 
 On each map each kind is planted N times, at a place, with speeds, lanes and figures drawn by chance; beside what ships,
-public maps are read from DATA, where they are, and maps of ramps and U-turns are drawn. What everybody does follows from
-how it was planted (tools/mining_rules.py), and all of it, of every kind, must be found, and nothing else. With --varied,
-M variations of each (`resim augment`) are mined as well.
+public maps are read from DATA, where they are, and maps of ramps and U-turns are drawn. What everybody does follows
+from how it was planted (tools/mining_rules.py), and all of it, of every kind, must be found, and nothing else. With
+--varied, M variations of each (`resim augment`) are mined as well.
 """
 
 from __future__ import annotations
@@ -115,11 +115,17 @@ def mined(tracks: Tracks, network: RoadNetwork) -> list[Event]:
 def check_told(plant: Plant, true: Sequence[Event]) -> None:
     """What was planted on purpose is in the truth. Raises ValueError: then the plant or the truth is wrong."""
     for who, label, start, end in plant.told:
-        if not any(one[:2] == (who, label) and one[2] <= end + 0.05 and start <= one[3] + 0.05 for one in true):
-            raise ValueError(f"{label} of {who} at {start:.2f} s was planted on {plant.ground.name}, but is not so")
+        if not any(
+            one[:2] == (who, label) and one[2] <= end + 0.05 and start <= one[3] + 0.05 for one in true
+        ):
+            raise ValueError(
+                f"{label} of {who} at {start:.2f} s was planted on {plant.ground.name}, but is not so"
+            )
 
 
-def plants(files: Sequence[Path], kinds: Sequence[str], count: int, seed: int) -> Iterator[tuple[str, str, Plant]]:
+def plants(
+    files: Sequence[Path], kinds: Sequence[str], count: int, seed: int
+) -> Iterator[tuple[str, str, Plant]]:
     """Give name, kind and plant."""
     for file in files:
         for number, kind in enumerate(KINDS):
@@ -133,7 +139,12 @@ def plants(files: Sequence[Path], kinds: Sequence[str], count: int, seed: int) -
 
 
 def plant_all(
-    files: Sequence[Path], kinds: Sequence[str], count: int, seed: int, varied: int = 0, scratch: Path | None = None
+    files: Sequence[Path],
+    kinds: Sequence[str],
+    count: int,
+    seed: int,
+    varied: int = 0,
+    scratch: Path | None = None,
 ) -> tuple[Tally, Tally, list[str]]:
     """Plant, mine and compare; give the tallies without and with variations, and what could not be varied."""
     plain, other, refused = Tally(), Tally(), []
@@ -204,7 +215,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--drawn", type=int, default=4, help="maps that are drawn of each sort")
     parser.add_argument("--kinds", nargs="+", default=KINDS)
-    parser.add_argument("--listed", type=int, default=20, help="misses of each label that are listed (stderr)")
+    parser.add_argument(
+        "--listed", type=int, default=20, help="misses of each label that are listed (stderr)"
+    )
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         scratch = Path(name)
