@@ -29,6 +29,8 @@ STEP, ARM = 0.25, 60.0
 """m between the points of a centre line, and of the lanes before and after a junction at most."""
 SHORTEST_ARM, BORDER = 12.0, 1.0
 """m of an arm at least, and that strips keep from the ends of a road's sections."""
+BEHIND = 0.5
+"""m that a line begins before its start, as speeds there are told of places before."""
 TIGHT, BENDS = 60.0, 0.52
 """m: a way through a junction with a smaller mean radius, that turns by more than so many rad, makes it a crossing."""
 U_TURN = 2.4
@@ -204,7 +206,7 @@ def _next_to(one: int, two: int) -> bool:
 def strip(network: RoadNetwork, piece: _Piece, own: int, start: float, length: float) -> Ground:
     """Give the strip of a piece from `start` m behind where its lane is entered."""
     begin = piece.first + BORDER + start if own < 0 else piece.last - BORDER - start
-    path = lane_path(network, piece.road, own, begin, length, behind=0.0, step=STEP)
+    path = lane_path(network, piece.road, own, begin, length, behind=BEHIND, step=STEP)
     lanes, at = _beside(piece, own)
     return Ground(network, path, length, lanes, at, ((np.inf, piece.kind),))
 
@@ -278,7 +280,7 @@ def way_through(network: RoadNetwork, way: Way, counts: set[str]) -> Ground | No
     start = own.length - arm if lane < 0 else arm
     route = Route(((before,), (inside,), (after,)))
     path = lane_path(network, before, lane, start, arm + inner.length + min(ARM, other.length - 2.0),
-                     behind=0.0, step=STEP, route=route)  # fmt: skip
+                     behind=BEHIND, step=STEP, route=route)  # fmt: skip
     if path.ends or path.end < arm + inner.length + SHORTEST_ARM:
         return None
     label = "straight" if abs(turn) <= BENDS else "turn_left" if turn > 0.0 else "turn_right"

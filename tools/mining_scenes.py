@@ -144,7 +144,7 @@ def tailgating(grade: str) -> Scene:
     shares = {"minor": (0.55, 0.95), "moderate": (0.32, 0.48), "severe": (0.2, 0.28)}
 
     def scene(ground: Ground, rng: np.random.Generator) -> Plant | None:
-        lane, seconds = int(rng.choice(same_way(ground))), 6.0
+        lane, seconds = ground.own, 6.0
         top = min((ground.length - 75.0) / seconds, np.sqrt(ALONG / max(ground.bend, 1e-6)), limits[grade][1])
         if top <= limits[grade][0]:
             return None
@@ -197,7 +197,7 @@ def speeding(ground: Ground, rng: np.random.Generator) -> Plant | None:
     else:
         way = driven(0.0, 0.95 * ground.limit, (1.0, 2.0, v - 0.95 * ground.limit))
         told = (3.0, seconds)
-    lane = int(rng.choice(same_way(ground)))
+    lane = ground.own
     return Plant(
         ground, [Drive("a", way, constant(in_lane(ground, lane, rng)), seconds)], [("a", "speeding", *told)]
     )
@@ -217,7 +217,7 @@ def standing(ground: Ground, rng: np.random.Generator) -> Plant | None:
     end = until + min(lasts, 3.0)
     if way(np.array([end]))[0] > ground.length - MARGIN:
         return None
-    lane = int(rng.choice(same_way(ground)))
+    lane = ground.own
     told = [] if creeps else [("a", "standing", begin + lasts, until)]
     return Plant(ground, [Drive("a", way, constant(in_lane(ground, lane, rng)), end)], told)
 
@@ -238,7 +238,7 @@ def strong(label: str) -> Scene:
         v = v if sign < 0.0 else max(v - change, 1.0)
         begin = float(rng.uniform(1.0, 2.5))
         way = driven(0.0, v, (begin, lasts, sign * change))
-        lane = int(rng.choice(same_way(ground)))
+        lane = ground.own
         drive = Drive("a", way, constant(in_lane(ground, lane, rng)), 7.0)
         told = [] if gentle else [("a", label, begin + 0.45 * lasts, begin + 0.55 * lasts)]
         return Plant(ground, [drive], told)
@@ -283,7 +283,7 @@ def wrong_way(ground: Ground, rng: np.random.Generator) -> Plant | None:
 
 def swerving(ground: Ground, rng: np.random.Generator) -> Plant | None:
     """From side to side within the lane; in one of four, less than a metre."""
-    lane, seconds = int(rng.choice(same_way(ground))), 12.0
+    lane, seconds = ground.own, 12.0
     v = draw_speed(ground, rng, seconds)
     one = ground.lanes[lane]
     widest = min(0.5 * (one.left - one.right) - 0.35, 1.1)
@@ -380,7 +380,7 @@ def reversing(ground: Ground, rng: np.random.Generator) -> Plant | None:
 
 def collision(ground: Ground, rng: np.random.Generator) -> Plant | None:
     """A rear-end collision: the follower goes on into who stands."""
-    lane, v = int(rng.choice(same_way(ground))), float(rng.uniform(3.0, 8.0))
+    lane, v = ground.own, float(rng.uniform(3.0, 8.0))
     begin, at = float(rng.uniform(2.5, 4.0)) * v, 0.0
     if begin + 40.0 > ground.length:
         return None
@@ -398,7 +398,7 @@ def critical(label: str) -> Scene:
     """One comes nearer than 1.5 s to collision, or than 0.5 s of headway, and falls back."""
 
     def scene(ground: Ground, rng: np.random.Generator) -> Plant | None:
-        lane, seconds = int(rng.choice(same_way(ground))), 7.0
+        lane, seconds = ground.own, 7.0
         v = draw_speed(ground, rng, seconds, least=12.0, ahead=40.0)
         if v is None:
             return None
