@@ -1,0 +1,300 @@
+"""Where maneuvers can be planted: strips of roads whose lanes stay the same, and ways through junctions.
+
+A strip is read from the OpenDRIVE file itself: a road over one or more lane sections with the same driven lanes of the
+same constant widths, so that a place in it is metres along one lane's centre and metres to the left of that; which lane
+that is follows by counting widths. A way follows one lane through a junction. `resim.road` gives the centre lines, and
+nothing of `resim.mining` is used.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from lxml import etree
+
+from resim.road.driven_route import Route
+from resim.road.opendrive import RoadNetwork
+from resim.road.path import Path as LanePath
+from resim.road.path import lane_path
+
+DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
+CLASSES = {"entry": "on", "onRamp": "on", "exit": "off", "offRamp": "off"}
+STEP, ARM = 0.25, 60.0
+"""m between the points of a centre line, and of the lanes before and after a junction at most."""
+SHORTEST_ARM, BORDER = 12.0, 1.0
+"""m of an arm at least, and that strips keep from the ends of a road's sections."""
+BEHIND = 0.5
+"""m that a line begins before its start, as speeds there are told of places before."""
+TIGHT, BENDS = 60.0, 0.52
+"""m: a way through a junction with a smaller mean radius, that turns by more than so many rad, makes it a crossing."""
+U_TURN = 2.4
+"""rad from which on a way leads back (scenarios/mining/labels.toml)."""
+
+
+@dataclass(frozen=True)
+class StripLane:
+    """One lane of a strip, by metres to the left of the strip's own lane.
+
+    same: driven as the strip's own lane. kind: lane type of OpenDRIVE.
+    """
+
+    left: float
+    right: float
+    same: bool
+    kind: str
+
+    @property
+    def centre(self) -> float:
+        """Metres to the left of the strip's own lane."""
+        return 0.5 * (self.left + self.right)
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A lane's centre line, with the lanes beside it, from left to right, and the junctions that it passes.
+
+    own: place of the line's own lane in lanes. roads: (to, type of the road) m along the line. turns: (from, to, label)
+    likewise. along: of each lane, m of its own centre at the nodes of `station`.
+    """
+
+    network: RoadNetwork
+    path: LanePath
+    length: float
+    lanes: tuple[StripLane, ...]
+    own: int
+    roads: tuple[tuple[float, str], ...]
+    turns: tuple[tuple[float, float, str], ...] = ()
+    along: dict[int, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """That of the map."""
+        return self.network.path.stem
+
+    @cached_property
+    def limit(self) -> float:
+        """The least speed limit [m/s] on it, NaN without."""
+        limits = self.path.speed_limit[(self.path.s >= 0.0) & (self.path.s <= self.length)]
+        return float(np.nanmin(limits)) if np.isfinite(limits).all() else float("nan")
+
+    @cached_property
+    def bend(self) -> float:
+        """The sharpest bend [1/m] on it."""
+        return float(np.abs(self.path.curvature[(self.path.s >= 0.0) & (self.path.s <= self.length)]).max())
+
+    def lane_at(self, aside: float) -> int:
+        """Give the lane at metres to the left, -1 for none."""
+        for k, lane in enumerate(self.lanes):
+            if lane.right < aside <= lane.left:
+                return k
+        return -1
+
+    def road_at(self, way: float) -> str:
+        """Give the type of the road at metres along the line."""
+        return next(kind for end, kind in self.roads if way <= end)
+
+    def station(self, lane: int, way: np.ndarray) -> np.ndarray:
+        """Give metres along the centre of a lane at metres along the line."""
+        nodes = np.arange(-60.0, self.length + 60.0, 0.5)
+        if lane not in self.along:
+            x, y = self.path.xy(nodes, np.full(len(nodes), self.lanes[lane].centre))
+            self.along[lane] = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+        return np.interp(way, nodes, self.along[lane])
+
+
+def same_way(ground: Ground) -> list[int]:
+    """Give the lanes that are driven as its own, next to each other, from left to right."""
+    first = last = ground.own
+    while first > 0 and ground.lanes[first - 1].same:
+        first -= 1
+    while last + 1 < len(ground.lanes) and ground.lanes[last + 1].same:
+        last += 1
+    return list(range(first, last + 1))
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Metres of a road with the same lanes: (id, width, type) by id, highest first; type of the road there."""
+
+    road: str
+    first: float
+    last: float
+    lanes: tuple[tuple[int, float, str], ...]
+    kind: str
+
+
+def pieces(network: RoadNetwork) -> list[_Piece]:
+    """Give the pieces of all roads outside of junctions whose driven lanes have one width each."""
+    out: list[_Piece] = []
+    for element in etree.parse(str(network.path)).getroot().iterfind("road"):
+        if element.get("junction") not in (None, "-1") or element.get("rule") == "LHT":
+            continue
+        own: list[_Piece] = []
+        for first, last, section in _sections(element):
+            lanes = _constant(section)
+            for begin, end, kind in _types(element, first, last):
+                if not lanes or end - begin < 2.0 * BORDER:
+                    continue
+                one = _Piece(element.get("id"), begin, end, lanes, kind)
+                before = own[-1] if own else None
+                if before and (before.lanes, before.kind, before.last) == (lanes, kind, begin):
+                    own[-1] = _Piece(one.road, before.first, end, lanes, kind)
+                else:
+                    own.append(one)
+        out += own
+    return out
+
+
+def _sections(element: etree._Element) -> list[tuple[float, float, etree._Element]]:
+    sections = element.findall("lanes/laneSection")
+    starts = [float(one.get("s")) for one in sections]
+    ends = [*starts[1:], float(element.get("length"))]
+    return list(zip(starts, ends, sections, strict=True))
+
+
+def _types(element: etree._Element, first: float, last: float) -> list[tuple[float, float, str]]:
+    told = [(float(one.get("s")), one.get("type")) for one in element.findall("type")] or [(0.0, "")]
+    cuts = sorted({first, last, *(s for s, _ in told if first < s < last)})
+    starts = [s for s, _ in told]
+    return [(a, b, told[max(bisect.bisect_right(starts, a) - 1, 0)][1]) for a, b in pairwise(cuts)]
+
+
+def _constant(section: etree._Element) -> tuple[tuple[int, float, str], ...]:
+    """Driven lanes that lie side by side in one or two blocks; () where a width changes."""
+    out = []
+    for lane in section.iterfind(".//lane"):
+        number, widths = int(lane.get("id")), lane.findall("width")
+        if number == 0 or lane.get("type") not in DRIVEN:
+            continue
+        told = {tuple(round(float(one.get(k)), 6) for k in "abcd") for one in widths}
+        if len(told) != 1 or any(next(iter(told))[1:]):
+            return ()
+        out.append((number, next(iter(told))[0], lane.get("type")))
+    return tuple(sorted(out, reverse=True))
+
+
+def _beside(piece: _Piece, own: int) -> tuple[tuple[StripLane, ...], int]:
+    """The lanes next to each other that a lane is among, from left to right as it is driven, and its place."""
+    ids = [number for number, _, _ in piece.lanes]
+    k = ids.index(own)
+    low = high = k
+    while low > 0 and _next_to(ids[low - 1], ids[low]):
+        low -= 1
+    while high + 1 < len(ids) and _next_to(ids[high], ids[high + 1]):
+        high += 1
+    block = list(piece.lanes[low : high + 1])
+    at = k - low
+    if own > 0:
+        block, at = block[::-1], len(block) - 1 - at
+    out, left = [], 0.5 * block[at][1] + sum(width for _, width, _ in block[:at])
+    for number, width, kind in block:
+        out.append(StripLane(left, left - width, (number > 0) == (own > 0), kind))
+        left -= width
+    return tuple(out), at
+
+
+def _next_to(one: int, two: int) -> bool:
+    return one - two == (2 if one > 0 > two else 1)
+
+
+def strip(network: RoadNetwork, piece: _Piece, own: int, start: float, length: float) -> Ground:
+    """Give the strip of a piece from `start` m behind where its lane is entered."""
+    begin = piece.first + BORDER + start if own < 0 else piece.last - BORDER - start
+    path = lane_path(network, piece.road, own, begin, length, behind=BEHIND, step=STEP)
+    lanes, at = _beside(piece, own)
+    return Ground(network, path, length, lanes, at, ((np.inf, piece.kind),))
+
+
+def room(piece: _Piece) -> float:
+    return piece.last - piece.first - 2.0 * BORDER
+
+
+class Way(NamedTuple):
+    """A way through a junction: road and lane before, road and lane inside, road after, and rad that it turns."""
+
+    before: str
+    lane: int
+    inside: str
+    inner: int
+    after: str
+    turn: float
+
+
+def ways(network: RoadNetwork) -> Iterator[Way]:
+    """Give the ways through junctions, over right lanes of connecting roads."""
+    root = etree.parse(str(network.path)).getroot()
+    outside = {r.get("id") for r in root.iterfind("road") if r.get("junction") in (None, "-1")}
+    for element in root.iterfind("road"):
+        before, after = (element.find(f"link/{tag}") for tag in ("predecessor", "successor"))
+        if element.get("junction") in (None, "-1") or before is None or after is None:
+            continue
+        names = before.get("elementId"), after.get("elementId")
+        if not set(names) <= outside or len(element.findall("lanes/laneSection")) != 1:
+            continue
+        for lane in element.iterfind("lanes/laneSection/right/lane"):
+            link = lane.find("link/predecessor")
+            if lane.get("type") in DRIVEN and link is not None and lane.find("link/successor") is not None:
+                number, own, width = int(lane.get("id")), int(link.get("id")), lane.find("width")
+                comes = before.get("contactPoint") == ("end" if own < 0 else "start")
+                if comes and width is not None and float(width.get("a")) > 2.0:
+                    turn = turned(network, element.get("id"), number)
+                    yield Way(names[0], own, element.get("id"), number, names[1], turn)
+
+
+def turned(network: RoadNetwork, road: str, lane: int) -> float:
+    """Give by how much [rad] a lane of a road turns, to the left positive."""
+    s = np.linspace(1e-6, network.roads[road].length - 1e-6, 200)
+    sign = 1.0 if lane < 0 else -1.0
+    heading = np.unwrap(network.lane_heading(np.full(200, road), np.full(200, lane), s))
+    return sign * float(heading[-1] - heading[0])
+
+
+def crossing_junctions(network: RoadNetwork) -> set[str]:
+    """Give the junctions of which a lane turns as at a crossing."""
+    out = set()
+    for name, road in network.roads.items():
+        numbers = [n for n, lane in road.sections[0].lanes.items() if n and lane.type in DRIVEN]
+        if road.junction is None or len(road.sections) > 1 or not numbers or road.length < 0.1:
+            continue
+        turn = max(abs(turned(network, name, number)) for number in numbers)
+        if turn > BENDS and road.length <= TIGHT * turn:
+            out.add(road.junction)
+    return out
+
+
+def way_through(network: RoadNetwork, way: Way, counts: set[str]) -> Ground | None:
+    """Give the ground of a way through a junction with its arms; None where these are too short."""
+    before, lane, inside, inner_lane, after, turn = way
+    own, inner, other = (network.roads[name] for name in (before, inside, after))
+    section = own.sections[-1] if lane < 0 else own.sections[0]
+    here = section.end - section.start if section is not own.sections[-1] else own.length - section.start
+    arm = min(ARM, here - 2.0)
+    if arm < SHORTEST_ARM or other.length < SHORTEST_ARM + 2.0 or inner.junction not in counts:
+        return None
+    start = own.length - arm if lane < 0 else arm
+    route = Route(((before,), (inside,), (after,)))
+    path = lane_path(network, before, lane, start, arm + inner.length + min(ARM, other.length - 2.0),
+                     behind=BEHIND, step=STEP, route=route)  # fmt: skip
+    if path.ends or path.end < arm + inner.length + SHORTEST_ARM:
+        return None
+    label = "straight" if abs(turn) <= BENDS else "turn_left" if turn > 0.0 else "turn_right"
+    label = "u_turn" if abs(turn) >= U_TURN else label
+    x, y = _ends(network, inside, inner_lane)
+    begin, end = path.project(x, y)[0].tolist()
+    half = float(path.half_width.min())
+    lanes = (StripLane(half, -half, True, "driving"),)
+    types = [one.types[0].type if one.types else "" for one in (own, inner, other)]
+    roads = tuple(zip((begin, end, np.inf), types, strict=True))
+    return Ground(network, path, float(path.s[-1]), lanes, 0, roads, ((begin, end, label),))
+
+
+def _ends(network: RoadNetwork, road: str, lane: int) -> tuple[np.ndarray, np.ndarray]:
+    s = np.array([1e-6, network.roads[road].length - 1e-6])
+    x, y = network.to_xy(np.full(2, road), np.full(2, lane), s, np.zeros(2))
+    return np.asarray(x), np.asarray(y)

@@ -1,0 +1,239 @@
+"""Precision and recall of mined labels on planted maneuvers: every kind, on every map that can express it.
+
+    python tools/validate_planted.py [DATA] [--count N] [--varied M] [--seed S]
+
+On each map each kind is planted N times, at a place, with speeds, lanes and figures drawn by chance; beside what ships,
+public maps are read from DATA, where they are, and maps of ramps and U-turns are drawn. What everybody does follows
+from how it was planted (tools/mining_rules.py), and all of it, of every kind, must be found, and nothing else. With
+--varied, M variations of each (`resim augment`) are mined as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from mining_ground import Ground, crossing_junctions, pieces, room, strip, way_through, ways
+from mining_maps import maps
+from mining_plants import Plant, placed, seen, tracks_of, truth
+from mining_rules import Event
+from mining_scenes import KINDS, SCENES, WAYS, through
+from validate_mining import Table, compare
+
+from resim.core.errors import ResimError
+from resim.core.tracks import Tracks
+from resim.jobs.augment import augment
+from resim.mining.features import features
+from resim.mining.find import find_maneuvers
+from resim.recordings import Recording, read_recording, write_recording
+from resim.road.opendrive import RoadNetwork, load
+
+ROOT = Path(__file__).parents[1]
+TRIES, LONGEST, LEAST = 40, 420.0, 60.0
+"""Draws of a plant before a map is said not to express it; m of a strip at most, and at least."""
+ON_WAYS = ("tailgating_minor", "speeding", "standing", "strong_braking", "strong_acceleration", "reversing",
+           "walking_on_road", "collision")  # fmt: skip
+"""Kinds of one lane, half of which are planted on ways through junctions where the map has them."""
+
+
+@dataclass
+class Tally:
+    """Counts of labels, and on which maps each kind was planted on purpose, how often."""
+
+    table: Table = field(default_factory=dict)
+    planted: dict[str, dict[str, int]] = field(default_factory=lambda: defaultdict(lambda: defaultdict(int)))
+    drives: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where on a map maneuvers can be planted."""
+
+    network: RoadNetwork
+    strips: tuple
+    ways: tuple[Ground, ...]
+
+
+@cache
+def places(file: Path) -> Places:
+    network = load(file)
+    counts = crossing_junctions(network)
+    through_them = [one for way in ways(network) if (one := way_through(network, way, counts)) is not None]
+    found = tuple(one for one in pieces(network) if room(one) >= LEAST)
+    return Places(network, found, tuple(through_them))
+
+
+def draw_ground(here: Places, kind: str, rng: np.random.Generator) -> Ground | None:
+    """Draw where a kind is planted; bends are preferred."""
+    if kind in WAYS:
+        fitting = [one for one in here.ways if one.turns[0][2] == kind]
+        return fitting[int(rng.integers(len(fitting)))] if fitting else None
+    if here.ways and kind in ON_WAYS and (rng.random() < 0.5 or not here.strips):
+        return here.ways[int(rng.integers(len(here.ways)))]
+    if not here.strips:
+        return None
+    best = None
+    for _ in range(2):
+        piece = here.strips[int(rng.integers(len(here.strips)))]
+        lanes = [number for number, _, kind_ in piece.lanes]
+        own = int(rng.choice(lanes))
+        length = float(min(room(piece), rng.uniform(0.6, 1.0) * LONGEST))
+        one = strip(here.network, piece, own, float(rng.uniform(0.0, room(piece) - length)), length)
+        if best is None or (one.bend > best.bend and one.length >= 0.7 * best.length):
+            best = one
+    return best
+
+
+def draw_plant(here: Places, kind: str, rng: np.random.Generator) -> Plant | None:
+    """Draw a plant of a kind; None where the map has no room for it."""
+    for _ in range(TRIES):
+        ground = draw_ground(here, kind, rng)
+        if ground is None:
+            return None
+        scenes = (through,) if kind in WAYS else SCENES[kind]
+        made = scenes[int(rng.integers(len(scenes)))](ground, rng)
+        if made is not None and any(label == kind for _, label, _, _ in made.told):
+            return made
+        if made is not None and not made.told:
+            return made  # nearly one, but none
+    return None
+
+
+def mined(tracks: Tracks, network: RoadNetwork) -> list[Event]:
+    found = features(tracks, network)
+    t, ids = found.samples.t, tracks.ids.tolist()
+    return [(ids[m.object], m.label, float(t[m.start]), float(t[m.end])) for m in find_maneuvers(found)]
+
+
+def check_told(plant: Plant, true: Sequence[Event]) -> None:
+    """What was planted on purpose is in the truth. Raises ValueError: then the plant or the truth is wrong."""
+    for who, label, start, end in plant.told:
+        if not any(
+            one[:2] == (who, label) and one[2] <= end + 0.05 and start <= one[3] + 0.05 for one in true
+        ):
+            raise ValueError(
+                f"{label} of {who} at {start:.2f} s was planted on {plant.ground.name}, but is not so"
+            )
+
+
+def plants(
+    files: Sequence[Path], kinds: Sequence[str], count: int, seed: int
+) -> Iterator[tuple[str, str, Plant]]:
+    """Give name, kind and plant."""
+    for file in files:
+        for number, kind in enumerate(KINDS):
+            if kind not in kinds or kind == "follow_lane":
+                continue
+            for k in range(count):
+                rng = np.random.default_rng([seed, number, k, *file.stem.encode()])
+                made = draw_plant(places(file), kind, rng)
+                if made is not None:
+                    yield f"{file.stem}: {kind} {k}", kind, made
+
+
+def plant_all(
+    files: Sequence[Path],
+    kinds: Sequence[str],
+    count: int,
+    seed: int,
+    varied: int = 0,
+    scratch: Path | None = None,
+) -> tuple[Tally, Tally, list[str]]:
+    """Plant, mine and compare; give the tallies without and with variations, and what could not be varied."""
+    plain, other, refused = Tally(), Tally(), []
+    for number, (name, kind, plant) in enumerate(plants(files, kinds, count, seed)):
+        tracks, way, aside = tracks_of(plant.ground, plant.drives)
+        true = truth(plant.ground, seen(plant.ground, tracks, way, aside))
+        check_told(plant, true)
+        _count(plain, name, kind, plant, tracks, true)
+        if varied and scratch is not None:
+            try:
+                for one in _varied(plant, tracks, scratch / f"{number}", varied, seed):
+                    of = truth(plant.ground, seen(plant.ground, one, *placed(plant.ground, one)))
+                    _count(other, name, kind, plant, one, of)
+            except ResimError as e:
+                refused.append(f"{name}: {e}")
+    return plain, other, refused
+
+
+def _count(tally: Tally, name: str, kind: str, plant: Plant, tracks: Tracks, true: Sequence[Event]) -> None:
+    compare(tally.table, name, true, mined(tracks, plant.ground.network), KINDS)
+    tally.drives += 1
+    for label in {label for _, label, _, _ in true}:
+        if label == kind or label == "follow_lane":
+            tally.planted[label][plant.ground.name] += 1
+
+
+def _varied(plant: Plant, tracks: Tracks, folder: Path, count: int, seed: int) -> Iterator[Tracks]:
+    """Variations of a plant, by `resim augment`."""
+    whole = Recording("planted", plant.ground.network.path.absolute(), "a", tracks, 25.0)
+    write_recording(whole, folder / "origin")
+    for one in augment(folder / "origin", folder / "varied", count=count, seed=seed):
+        yield read_recording(one.folder).gt
+
+
+def print_tally(tally: Tally, listed: int) -> None:
+    print("| maneuver | maps | truth | found | precision | recall |\n|---|---|---|---|---|---|")
+    for label in KINDS:
+        one = tally.table.get(label)
+        if one is None:
+            print(f"| `{label}` | 0 | 0 | 0 | – | – |")
+            continue
+        precision = f"{100.0 * one.right / one.found:.1f} %" if one.found else "–"
+        recall = f"{100.0 * one.right / one.truth:.1f} %" if one.truth else "–"
+        on = len(tally.planted[label])
+        print(f"| `{label}` | {on} | {one.truth} | {one.found} | {precision} | {recall} |")
+        for what, lines in (("missed", one.misses), ("wrong", one.wrong)):
+            for line in lines[:listed]:
+                print(f"  {label} {what} in {line}", file=sys.stderr)
+    print()
+
+
+def print_maps(tally: Tally, files: Sequence[Path]) -> None:
+    """Say on which maps each kind was planted, and on which it could not be."""
+    names = [file.stem for file in files]
+    print("Kinds that a map cannot express:\n")
+    for name in names:
+        lacking = [kind for kind in KINDS if not tally.planted[kind].get(name)]
+        print(f"- {name}: {', '.join(lacking) or 'none'}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("data", type=Path, nargs="?", help="folder with public maps (xodr/)")
+    parser.add_argument("--count", type=int, default=3, help="plants of each kind on each map")
+    parser.add_argument("--varied", type=int, default=0, help="variations of each")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--drawn", type=int, default=4, help="maps that are drawn of each sort")
+    parser.add_argument("--kinds", nargs="+", default=KINDS)
+    parser.add_argument(
+        "--listed", type=int, default=20, help="misses of each label that are listed (stderr)"
+    )
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        files = maps(ROOT / "networks", asked.data, scratch, asked.drawn, asked.seed)
+        plain, other, refused = plant_all(
+            files, asked.kinds, asked.count, asked.seed, asked.varied, scratch / "varied"
+        )
+        print(f"{plain.drives} drives on {len(files)} maps, without augmentation:\n")
+        print_tally(plain, asked.listed)
+        if asked.varied:
+            print(f"{other.drives} drives with augmentation; {len(refused)} could not be varied:\n")
+            print_tally(other, asked.listed)
+            for line in refused[: asked.listed]:
+                print(f"  not varied: {line}", file=sys.stderr)
+        print_maps(plain, files)
+
+
+if __name__ == "__main__":
+    main()
