@@ -11,19 +11,30 @@ from __future__ import annotations
 import bisect
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from lxml import etree
+from mining_signs import (
+    DRIVEN,
+    NO_SIGNS,
+    Signs,
+    beyond,
+    crossed_ends,
+    lane_counts,
+    roads,
+    sections,
+    signs_of,
+    torn,
+)
 
 from resim.road.driven_route import Route
 from resim.road.opendrive import RoadNetwork
 from resim.road.path import Path as LanePath
 from resim.road.path import lane_path
 
-DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
 CLASSES = {"entry": "on", "onRamp": "on", "exit": "off", "offRamp": "off"}
 STEP, ARM = 0.25, 60.0
 """m between the points of a centre line, and of the lanes before and after a junction at most."""
@@ -60,7 +71,10 @@ class Ground:
     """A lane's centre line, with the lanes beside it, from left to right, and the junctions that it passes.
 
     own: place of the line's own lane in lanes. roads: (to, type of the road) m along the line. turns: (from, to, label)
-    likewise. along: of each lane, m of its own centre at the nodes of `station`.
+    likewise. along: of each lane, m of its own centre at the nodes of `station`. edges: types of the lanes to the left
+    and right of all of these, "" for none, "?" where they change. crossings: from where to where [m] along the line
+    crossings are. counts: where [m] the road gets lanes, or (negative) loses them, outside of junctions. turn: rad that
+    the way through the junction turns. junction: its name. before: the road before it. signs: its lights and stop sign.
     """
 
     network: RoadNetwork
@@ -71,6 +85,13 @@ class Ground:
     roads: tuple[tuple[float, str], ...]
     turns: tuple[tuple[float, float, str], ...] = ()
     along: dict[int, np.ndarray] = field(default_factory=dict)
+    edges: tuple[str, str] = ("?", "?")
+    crossings: tuple[tuple[float, float], ...] = ()
+    counts: tuple[tuple[float, int], ...] = ()
+    turn: float = 0.0
+    junction: str = ""
+    before: str = ""
+    signs: Signs = NO_SIGNS
 
     @property
     def name(self) -> str:
@@ -133,10 +154,10 @@ def pieces(network: RoadNetwork) -> list[_Piece]:
     """Give the pieces of all roads outside of junctions whose driven lanes have one width each."""
     out: list[_Piece] = []
     for element in etree.parse(str(network.path)).getroot().iterfind("road"):
-        if element.get("junction") not in (None, "-1") or element.get("rule") == "LHT":
+        if element.get("junction") not in (None, "-1") or element.get("rule") == "LHT" or torn(element):
             continue
         own: list[_Piece] = []
-        for first, last, section in _sections(element):
+        for first, last, section in sections(element):
             lanes = _constant(section)
             for begin, end, kind in _types(element, first, last):
                 if not lanes or end - begin < 2.0 * BORDER:
@@ -149,13 +170,6 @@ def pieces(network: RoadNetwork) -> list[_Piece]:
                     own.append(one)
         out += own
     return out
-
-
-def _sections(element: etree._Element) -> list[tuple[float, float, etree._Element]]:
-    sections = element.findall("lanes/laneSection")
-    starts = [float(one.get("s")) for one in sections]
-    ends = [*starts[1:], float(element.get("length"))]
-    return list(zip(starts, ends, sections, strict=True))
 
 
 def _types(element: etree._Element, first: float, last: float) -> list[tuple[float, float, str]]:
@@ -179,8 +193,8 @@ def _constant(section: etree._Element) -> tuple[tuple[int, float, str], ...]:
     return tuple(sorted(out, reverse=True))
 
 
-def _beside(piece: _Piece, own: int) -> tuple[tuple[StripLane, ...], int]:
-    """The lanes next to each other that a lane is among, from left to right as it is driven, and its place."""
+def _beside(piece: _Piece, own: int) -> tuple[tuple[StripLane, ...], int, tuple[int, int]]:
+    """The lanes next to each other that a lane is among, from left to right as it is driven, its place, outer ids."""
     ids = [number for number, _, _ in piece.lanes]
     k = ids.index(own)
     low = high = k
@@ -196,7 +210,7 @@ def _beside(piece: _Piece, own: int) -> tuple[tuple[StripLane, ...], int]:
     for number, width, kind in block:
         out.append(StripLane(left, left - width, (number > 0) == (own > 0), kind))
         left -= width
-    return tuple(out), at
+    return tuple(out), at, (ids[low], ids[high])
 
 
 def _next_to(one: int, two: int) -> bool:
@@ -207,8 +221,76 @@ def strip(network: RoadNetwork, piece: _Piece, own: int, start: float, length: f
     """Give the strip of a piece from `start` m behind where its lane is entered."""
     begin = piece.first + BORDER + start if own < 0 else piece.last - BORDER - start
     path = lane_path(network, piece.road, own, begin, length, behind=BEHIND, step=STEP)
-    lanes, at = _beside(piece, own)
-    return Ground(network, path, length, lanes, at, ((np.inf, piece.kind),))
+    lanes, at, outer = _beside(piece, own)
+    element = roads(network)[piece.road]
+    edges = beyond(element, piece.first, piece.last, outer)
+    ends = crossed_ends(element, crossing_junctions(network))
+    behind, ahead = begin, float(element.get("length")) - begin
+    if own > 0:
+        edges, ends, behind, ahead = edges[::-1], ends[::-1], ahead, behind
+    crossings = [(-np.inf, -behind)] * ends[0] + [(ahead, np.inf)] * ends[1]
+    return Ground(
+        network, path, length, lanes, at, ((np.inf, piece.kind),), edges=edges, crossings=tuple(crossings)
+    )
+
+
+def changing(network: RoadNetwork) -> Iterator[Ground]:
+    """Give the grounds of lanes that go on where their road, outside of junctions, gets or loses lanes beside them."""
+    for element in roads(network).values():
+        if element.get("junction") not in (None, "-1") or element.get("rule") == "LHT" or torn(element):
+            continue
+        parts = sections(element)
+        for right in (True, False):
+            changes = lane_counts(element, right)
+            for s, _ in changes:
+                before = next(one for _, end, one in parts if end == s)
+                for number in _going_on(before, right):
+                    ground = _over(network, element, number, s, changes)
+                    if ground is not None:
+                        yield ground
+
+
+def _going_on(section: etree._Element, right: bool) -> list[int]:
+    """The driven lanes of one way that are linked to a lane of the same id in the next section."""
+    out = []
+    for lane in section.iterfind(".//lane"):
+        number, link = int(lane.get("id")), lane.find("link/successor")
+        if number and (number < 0) == right and lane.get("type") in DRIVEN and link is not None:
+            out += [number] if int(link.get("id")) == number else []
+    return out
+
+
+def _over(
+    network: RoadNetwork, element: etree._Element, number: int, s: float, changes: list[tuple[float, int]]
+) -> Ground | None:
+    """The ground of one lane over a place where the road's lanes change; None where it is too short or narrow."""
+    length, sign = float(element.get("length")), 1 if number < 0 else -1
+    back, on = (
+        min(ARM, (s if number < 0 else length - s) - 2.0),
+        min(ARM, (length - s if number < 0 else s) - 2.0),
+    )
+    if min(back, on) < SHORTEST_ARM:
+        return None
+    start = s - sign * back
+    path = lane_path(network, element.get("id"), number, start, back + on, behind=BEHIND, step=STEP)
+    there = [(sign * (at - start), sign * change) for at, change in changes]
+    there = [(at, change) for at, change in there if 0.0 < at < back + on]
+    half = float(path.half_width.min())
+    if path.ends or half < 1.2 or path.s[-1] < back + on - 0.5:
+        return None
+    # metres of the road are not those of the lane in bends
+    places = []
+    for at, change in there:
+        x, y = network.to_xy(
+            np.array([element.get("id")]), np.array([number]), np.array([start + sign * at]), np.zeros(1)
+        )
+        places.append((float(path.project(np.asarray(x), np.asarray(y))[0][0]), change))
+    lanes = (StripLane(half, -half, True, "driving"),)
+    kinds = _types(element, 0.0, length)
+    return Ground(
+        network, path, float(path.s[-1]), lanes, 0, ((np.inf, kinds[0][2] if len(kinds) == 1 else "?"),),
+        counts=tuple(sorted(places)),
+    )  # fmt: skip
 
 
 def room(piece: _Piece) -> float:
@@ -255,6 +337,7 @@ def turned(network: RoadNetwork, road: str, lane: int) -> float:
     return sign * float(heading[-1] - heading[0])
 
 
+@cache
 def crossing_junctions(network: RoadNetwork) -> set[str]:
     """Give the junctions of which a lane turns as at a crossing."""
     out = set()
@@ -272,9 +355,7 @@ def way_through(network: RoadNetwork, way: Way, counts: set[str]) -> Ground | No
     """Give the ground of a way through a junction with its arms; None where these are too short."""
     before, lane, inside, inner_lane, after, turn = way
     own, inner, other = (network.roads[name] for name in (before, inside, after))
-    section = own.sections[-1] if lane < 0 else own.sections[0]
-    here = section.end - section.start if section is not own.sections[-1] else own.length - section.start
-    arm = min(ARM, here - 2.0)
+    arm = min(ARM, _alike(network, before, lane) - 2.0)
     if arm < SHORTEST_ARM or other.length < SHORTEST_ARM + 2.0 or inner.junction not in counts:
         return None
     start = own.length - arm if lane < 0 else arm
@@ -290,8 +371,45 @@ def way_through(network: RoadNetwork, way: Way, counts: set[str]) -> Ground | No
     half = float(path.half_width.min())
     lanes = (StripLane(half, -half, True, "driving"),)
     types = [one.types[0].type if one.types else "" for one in (own, inner, other)]
-    roads = tuple(zip((begin, end, np.inf), types, strict=True))
-    return Ground(network, path, float(path.s[-1]), lanes, 0, roads, ((begin, end, label),))
+    types_along = tuple(zip((begin, end, np.inf), types, strict=True))
+    return Ground(
+        network, path, float(path.s[-1]), lanes, 0, types_along, ((begin, end, label),),
+        crossings=((begin, end),), counts=_counts_behind(network, path, after, end), turn=turn,
+        junction=inner.junction, before=before, signs=signs_of(network, before, lane, inside),
+    )  # fmt: skip
+
+
+def _alike(network: RoadNetwork, road: str, lane: int) -> float:
+    """How long [m] a lane, with all driven lanes of its road, stays the same before the road's end."""
+    parts = sections(roads(network)[road])
+    parts = parts[::-1] if lane < 0 else parts
+    lanes = [
+        sorted(int(one.get("id")) for one in part.iterfind(".//lane") if one.get("type") in DRIVEN)
+        for _, _, part in parts
+    ]
+    out = 0.0
+    for (begin, end, _), here in zip(parts, lanes, strict=True):
+        if here != lanes[0]:
+            break
+        out += end - begin
+    return out
+
+
+def _counts_behind(
+    network: RoadNetwork, path: LanePath, road: str, end: float
+) -> tuple[tuple[float, int], ...]:
+    """Where along a line the road behind a junction, entered at `end` [m], gets or loses lanes."""
+    element, out = roads(network)[road], []
+    length = float(element.get("length"))
+    x, y = network.to_xy(np.full(2, road), np.zeros(2, int), np.array([1e-6, length - 1e-6]), np.zeros(2))
+    x0, y0 = path.xy(np.array([end]), np.zeros(1))
+    right = np.hypot(x[0] - x0[0], y[0] - y0[0]) < np.hypot(x[1] - x0[0], y[1] - y0[0])
+    for s, change in lane_counts(element, bool(right)):
+        x, y = network.to_xy(np.array([road]), np.array([0]), np.array([s]), np.zeros(1))
+        at = float(path.project(np.asarray(x), np.asarray(y))[0][0])
+        if end < at < path.s[-1] - 1.0:
+            out.append((at, change if right else -change))
+    return tuple(out)
 
 
 def _ends(network: RoadNetwork, road: str, lane: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """Maps on which maneuvers are planted: those that ship, public ones where they are, and maps drawn for two kinds.
 
-Ramps and U-turns are rare on the maps at hand: bends of a motorway with an entry and an exit lane, and junctions whose
-road bends back beside itself, are drawn here.
+Ramps, U-turns, parking lanes and stop signs are rare on the maps at hand: bends of a motorway with an entry and an exit
+lane, junctions whose road bends back beside itself, and crossings with lights or with stop signs are drawn here.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ def maps(shipped: Path, data: Path | None, scratch: Path, drawn: int, seed: int)
         out += [
             write_ramps(scratch / f"ramps_{k}.xodr", rng),
             write_u_turn(scratch / f"u_turn_{k}.xodr", rng),
+            write_crossing(scratch / f"lights_{k}.xodr", rng, lights=True),
+            write_crossing(scratch / f"stops_{k}.xodr", rng, lights=False),
         ]
     return out
 
@@ -127,4 +129,53 @@ def write_u_turn(file: Path, rng: np.random.Generator) -> Path:
         HEAD.format(file.stem, "".join(roads) + f'<junction id="9" name="nine">{ways}</junction>'),
         encoding="utf-8",
     )
+    return file
+
+
+ARMS = 4
+SIGNAL = '<signal id="{0}" s="{1:.3f}" t="{2:.3f}" orientation="-" dynamic="{3}" country="{4}" type="{5}" subtype="-1"/>'
+
+
+def write_crossing(file: Path, rng: np.random.Generator, *, lights: bool) -> Path:
+    """A crossing of four arms with a lane each way, parking lanes to the right of who leaves it, and short sections.
+
+    With lights at all arms, or with stop signs at two opposite ones.
+    """
+    radius, width, parks = float(rng.uniform(12.0, 18.0)), 3.5, 2.4
+    turned = float(rng.uniform(0.0, 2.0 * pi))
+    headings = [turned + 0.5 * pi * k for k in range(ARMS)]
+    out, ways = [], []
+    for k, heading in enumerate(headings):
+        length, short = float(rng.uniform(120.0, 180.0)), float(rng.uniform(4.0, 15.0))
+        line, *_ = _line(0.0, radius * cos(heading), radius * sin(heading), heading, length, 0.0)
+        left, right = (f"<left>{_lane(1, 'driving', width)}</left>", _lane(-1, "driving", width))
+        first = SECTION.format(0.0, left, f"<right>{right}</right>")
+        right += _lane(-2, "parking", parks, "")
+        second = SECTION.format(short, left, f"<right>{right}</right>")
+        link = END.format("predecessor", "junction", "9", "")
+        road = ROAD.format(str(k), length, "-1", link, "town", 13.9, line, first + second)
+        stops = not lights and k % 2 == 0
+        kind = ("yes", "OpenDRIVE", "1000001") if lights else ("no", "DE", "206")
+        signal = (
+            SIGNAL.format(k + 1, float(rng.uniform(1.0, 4.0)), width + 1.0, *kind) if lights or stops else ""
+        )
+        out.append(road.replace("</road>", f"<signals>{signal}</signals></road>"))
+    for k, heading in enumerate(headings):
+        for way in (1, 2, 3):  # to the left of where it comes from: arms are counted anticlockwise
+            to, name = (k + way) % ARMS, str(10 + ARMS * k + way)
+            length, bend = (2.0 * radius, 0.0) if way == 2 else (0.5 * pi * radius, (way - 2) / radius)
+            line, *_ = _line(0.0, radius * cos(heading), radius * sin(heading), heading + pi, length, bend)
+            inner = _lane(-1, "driving", width, "").replace(
+                "<link></link>", '<link><predecessor id="1"/><successor id="-1"/></link>'
+            )
+            ends = END.format("predecessor", "road", str(k), 'contactPoint="start"')
+            ends += END.format("successor", "road", str(to), 'contactPoint="start"')
+            section = SECTION.format(0.0, "", f"<right>{inner}</right>")
+            out.append(ROAD.format(name, length, "9", ends, "town", 13.9, line, section))
+            ways.append(
+                f'<connection id="{len(ways)}" incomingRoad="{k}" connectingRoad="{name}" contactPoint="start">'
+                '<laneLink from="1" to="-1"/></connection>'
+            )
+    text = "".join(out) + f'<junction id="9" name="nine">{"".join(ways)}</junction>'
+    file.write_text(HEAD.format(file.stem, text), encoding="utf-8")
     return file

@@ -7,8 +7,9 @@ the nearest points of the line.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
+import mining_catalog_rules as catalog_rules
 import numpy as np
 from mining_ground import CLASSES, Ground
 from mining_rules import (
@@ -69,7 +70,7 @@ def driven(start: float, v: float, *steps: tuple[float, float, float]) -> Profil
 
 @dataclass(frozen=True)
 class Drive:
-    """Somebody on a line: way along it and metres to the left by time, and when it is there [s]."""
+    """Somebody on a line: way along it and metres to the left by time, when it is there [s], and yaw [rad] off its way."""
 
     name: str
     way: Profile
@@ -80,20 +81,27 @@ class Drive:
     length: float = 4.7
     width: float = 1.9
     backwards: bool = False
+    yaw: Profile | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """What was planted on purpose (object, label, from when to when), by drives on a ground."""
+    """What was planted on purpose (object, label, from when to when), by drives on a ground.
+
+    beside: a drive on another way through the same junction.
+    """
 
     ground: Ground
     drives: Sequence[Drive]
     told: Sequence[Event]
+    beside: tuple[Ground, Drive] | None = None
 
 
-def tracks_of(ground: Ground, drives: Sequence[Drive]) -> tuple[Tracks, np.ndarray, np.ndarray]:
-    """Give the tracks of drives, their ways along the line and metres aside (N, T)."""
-    t = np.arange(round(max(d.end for d in drives) * RATE) + 1) / RATE
+def tracks_of(
+    ground: Ground, drives: Sequence[Drive], end: float = 0.0
+) -> tuple[Tracks, np.ndarray, np.ndarray]:
+    """Give the tracks of drives, until `end` [s] at least, their ways along the line and metres aside (N, T)."""
+    t = np.arange(round(max(end, *(d.end for d in drives)) * RATE) + 1) / RATE
     shape = len(drives), len(t)
     x, y, heading, v, way, aside = (np.full(shape, np.nan) for _ in range(6))
     for n, drive in enumerate(drives):
@@ -107,6 +115,8 @@ def tracks_of(ground: Ground, drives: Sequence[Drive]) -> tuple[Tracks, np.ndarr
         heading[n, there] = np.where(v[n, there] > 1e-4, np.arctan2(vy, vx), along)
         if drive.backwards:
             v[n], heading[n] = -v[n], heading[n] + np.pi
+        if drive.yaw is not None:
+            heading[n, there] += drive.yaw(own)
     tracks = Tracks(
         t=t, ids=np.array([d.name for d in drives], dtype=str), kind=np.array([d.kind for d in drives], dtype=str),
         x=x, y=y, heading=np.angle(np.exp(1j * heading)), v=v, length=np.array([d.length for d in drives]),
@@ -153,6 +163,7 @@ def seen(ground: Ground, tracks: Tracks, way: np.ndarray, aside: np.ndarray) -> 
     left = [beside.get((k, -1 if one.same else 1), -1) for k, one in enumerate(lanes)]
     right = [beside.get((k, 1 if one.same else -1), -1) for k, one in enumerate(lanes)]
     limit = ground.path.speed_limit_at(np.nan_to_num(way).ravel()).reshape(way.shape)
+    limit = np.where(on, limit, np.nan)
     roads = np.array([[ground.road_at(one) for one in row] for row in np.nan_to_num(way)])
     told = ~np.isin(roads, ["", "unknown"])
     town = np.where(told, np.char.startswith(roads, "town"), limit <= SLOW_LIMIT) & on
@@ -180,9 +191,9 @@ def truth(ground: Ground, one: Seen) -> list[Event]:
     """Give everything that objects do on a ground."""
     led = leaders(one)
     across = differences(one.t, one.aside, one.valid)
-    out = list(collisions(one))
+    out = [*collisions(one), *catalog_rules.skidding(one)]
     for row, name in enumerate(one.names):
-        out += on_foot(one, row)
+        out += [*on_foot(one, row), *catalog_rules.on_foot(one, row)]
         if not one.motor(row) or not one.valid[row].any():
             continue
         changes = lane_changes(one, row, across[row])
@@ -191,11 +202,101 @@ def truth(ground: Ground, one: Seen) -> list[Event]:
             out += cuts(one, row, change, led)
         for rule in (tailgating, critical):
             out += rule(one, row, led)
-        for rule in (ramps, passes, wrong_way, swerving, speeds):
+        for rule in (ramps, passes, wrong_way, swerving, speeds, catalog_rules.crowd, catalog_rules.starting):
             out += rule(one, row)
         out += follow_lane(one, row, changes)
-        out += turns(ground, one, row)
+        out += [*turns(ground, one, row), *_by_map(ground, one, row)]
+    return [
+        *out,
+        *catalog_rules.crashes(one, [passing_of(ground, one, row) for row in range(len(one.names))]),
+    ]
+
+
+def along(ground: Ground, one: Seen, row: int) -> np.ndarray:
+    """Give metres (T,) along a ground's line, NaN where somebody is not there."""
+    steps, out = one.steps(row), np.full(len(one.t), np.nan)
+    out[steps], _ = ground.path.project(one.x[row, steps], one.y[row, steps])
     return out
+
+
+def passing_of(ground: Ground, one: Seen, row: int) -> catalog_rules.Through | None:
+    """Give how somebody passes the ground's junction, None without one."""
+    if not ground.turns:
+        return None
+    begin, end, _ = ground.turns[0]
+    heading = float(np.interp(begin, ground.path.s, ground.path.heading))
+    return catalog_rules.Through(ground.junction, begin, end, heading, ground.turn, along(ground, one, row))
+
+
+def _by_map(ground: Ground, one: Seen, row: int) -> list[Event]:
+    """What follows from what the map says of the ground."""
+    way, name = along(ground, one, row), one.names[row]
+    out = list(catalog_rules.edges(one, row, ground.edges, ground.lanes[0].left))
+    out += catalog_rules.lanes_change(one, row, way, ground.counts)
+    out += catalog_rules.backing(one, row, way, ground.crossings)
+    if ground.turns and not ground.signs.lit:
+        out += [(name, "unprotected_way", start, end) for _, _, start, end in turns(ground, one, row)]
+    if ground.turns and ground.signs.stop:
+        out += catalog_rules.stop_sign(one, row, way, *ground.turns[0][:2])
+    return out
+
+
+ON_TWO_WAYS = (
+    "turn_left", "turn_right", "straight", "u_turn", "standing", "starting", "strong_braking", "strong_acceleration",
+    "skidding", "reversing", "reversing_at_junction", "leave_road", "road_widens", "lane_ends", "unprotected_way",
+    "run_stop_sign",
+)  # fmt: skip
+"""Labels that are compared for each of two on two ways through a junction, besides collisions, how these came about,
+and protected ways; those by who is ahead, or on which lane, are not."""
+
+
+def two_ways(plant: Plant) -> tuple[Tracks, list[Event], set[str]]:
+    """Give the tracks of two on two ways through a junction, what they do, and the labels that this is all of."""
+    (first,), (other, second) = plant.drives, plant.beside
+    end = max(first.end, second.end)
+    parts = [
+        (ground, *tracks_of(ground, [drive], end))
+        for ground, drive in ((plant.ground, first), (other, second))
+    ]
+    views = [seen(ground, tracks, way, aside) for ground, tracks, way, aside in parts]
+    out = [
+        event for (ground, *_), view in zip(parts, views, strict=True) for event in truth(ground, view)
+        if event[1] in ON_TWO_WAYS
+    ]  # fmt: skip
+    both = _joined(*views)
+    through = [passing_of(ground, view, 0) for (ground, *_), view in zip(parts, views, strict=True)]
+    crashed = list(catalog_rules.crashes(both, through))
+    out += [*collisions(both), *crashed]
+    for own, (ground, *_) in enumerate(parts):
+        if ground.signs.lit:
+            ways = turns(ground, views[own], 0)
+            out += [
+                (name, "protected_way", a, b) for name, _, a, b in ways
+                if catalog_rules.held_back(both, 1 - own, through[1 - own], (a, b))
+            ]  # fmt: skip
+    return _together(*(tracks for _, tracks, _, _ in parts)), out, {*ON_TWO_WAYS, *CRASHES, "protected_way"}
+
+
+CRASHES = (
+    "collision", "sideswipe", "crash_left_across_lateral", "crash_left_across_opposite", "crash_left_into_path",
+    "crash_right_across_lateral", "crash_right_into_path", "crash_straight_crossing", "crash_other_crossing",
+)  # fmt: skip
+
+
+def _joined(one: Seen, two: Seen) -> Seen:
+    """Both views as one, for what is told of places and headings alone."""
+    own = {
+        part.name: np.concatenate([getattr(one, part.name), getattr(two, part.name)])
+        for part in fields(Seen)
+        if part.name != "t" and isinstance(getattr(one, part.name), np.ndarray)
+    }
+    return replace(one, names=[*one.names, *two.names], kinds=[*one.kinds, *two.kinds], **own)
+
+
+def _together(one: Tracks, two: Tracks) -> Tracks:
+    names = ("ids", "kind", "x", "y", "heading", "v", "length", "width", "valid")
+    joined = {name: np.concatenate([getattr(one, name), getattr(two, name)]) for name in names}
+    return Tracks(t=one.t, **joined)
 
 
 def turns(ground: Ground, one: Seen, row: int) -> list[Event]:

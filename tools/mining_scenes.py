@@ -451,4 +451,4 @@ SCENES: dict[str, Sequence[Scene]] = {
 """Scenes by the label that they are planted for, on strips; those of one lane fit ways through junctions as well."""
 WAYS = ("turn_left", "turn_right", "straight", "u_turn")
 """Planted by `through`, on the ways that turn so."""
-KINDS = (*SCENES, *WAYS, "follow_lane")
+LABELS = (*SCENES, *WAYS, "follow_lane")

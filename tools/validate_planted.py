@@ -20,11 +20,21 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from mining_ground import Ground, crossing_junctions, pieces, room, strip, way_through, ways
+from mining_catalog_scenes import (
+    CATALOG_KINDS,
+    CATALOG_SCENES,
+    CHANGING,
+    CRASHING,
+    NEARLY,
+    PASSING,
+    meeting,
+    waiting,
+)
+from mining_ground import Ground, changing, crossing_junctions, pieces, room, strip, way_through, ways
 from mining_maps import maps
-from mining_plants import Plant, placed, seen, tracks_of, truth
+from mining_plants import Plant, placed, seen, tracks_of, truth, two_ways
 from mining_rules import Event
-from mining_scenes import KINDS, SCENES, WAYS, through
+from mining_scenes import LABELS, SCENES, WAYS, through
 from validate_mining import Table, compare
 
 from resim.core.errors import ResimError
@@ -36,11 +46,14 @@ from resim.recordings import Recording, read_recording, write_recording
 from resim.road.opendrive import RoadNetwork, load
 
 ROOT = Path(__file__).parents[1]
-TRIES, LONGEST, LEAST = 40, 420.0, 60.0
+TRIES, MORE_TRIES, LONGEST, LEAST = 40, 400, 420.0, 60.0
 """Draws of a plant before a map is said not to express it; m of a strip at most, and at least."""
 ON_WAYS = ("tailgating_minor", "speeding", "standing", "strong_braking", "strong_acceleration", "reversing",
            "walking_on_road", "collision")  # fmt: skip
 """Kinds of one lane, half of which are planted on ways through junctions where the map has them."""
+AT_EDGES, EDGES = ("leave_road", "enter_parking", "leave_parking"), 110.0
+"""Kinds that need the same beside the lanes all along, and m of their strips at most."""
+KINDS = (*LABELS, *CATALOG_KINDS)
 
 
 @dataclass
@@ -59,6 +72,7 @@ class Places:
     network: RoadNetwork
     strips: tuple
     ways: tuple[Ground, ...]
+    changing: tuple[Ground, ...]
 
 
 @cache
@@ -67,13 +81,16 @@ def places(file: Path) -> Places:
     counts = crossing_junctions(network)
     through_them = [one for way in ways(network) if (one := way_through(network, way, counts)) is not None]
     found = tuple(one for one in pieces(network) if room(one) >= LEAST)
-    return Places(network, found, tuple(through_them))
+    return Places(network, found, tuple(through_them), tuple(changing(network)))
 
 
 def draw_ground(here: Places, kind: str, rng: np.random.Generator) -> Ground | None:
     """Draw where a kind is planted; bends are preferred."""
     if kind in WAYS:
         fitting = [one for one in here.ways if one.turns[0][2] == kind]
+        return fitting[int(rng.integers(len(fitting)))] if fitting else None
+    if kind in PASSING or kind in CHANGING:
+        fitting = here.ways if kind in PASSING else here.changing
         return fitting[int(rng.integers(len(fitting)))] if fitting else None
     if here.ways and kind in ON_WAYS and (rng.random() < 0.5 or not here.strips):
         return here.ways[int(rng.integers(len(here.ways)))]
@@ -84,7 +101,7 @@ def draw_ground(here: Places, kind: str, rng: np.random.Generator) -> Ground | N
         piece = here.strips[int(rng.integers(len(here.strips)))]
         lanes = [number for number, _, kind_ in piece.lanes]
         own = int(rng.choice(lanes))
-        length = float(min(room(piece), rng.uniform(0.6, 1.0) * LONGEST))
+        length = float(min(room(piece), rng.uniform(0.6, 1.0) * (EDGES if kind in AT_EDGES else LONGEST)))
         one = strip(here.network, piece, own, float(rng.uniform(0.0, room(piece) - length)), length)
         if best is None or (one.bend > best.bend and one.length >= 0.7 * best.length):
             best = one
@@ -93,16 +110,35 @@ def draw_ground(here: Places, kind: str, rng: np.random.Generator) -> Ground | N
 
 def draw_plant(here: Places, kind: str, rng: np.random.Generator) -> Plant | None:
     """Draw a plant of a kind; None where the map has no room for it."""
+    if kind in CRASHING or kind == "protected_way":
+        return draw_pair(here, kind, rng)
     for _ in range(TRIES):
         ground = draw_ground(here, kind, rng)
         if ground is None:
             return None
-        scenes = (through,) if kind in WAYS else SCENES[kind]
+        scenes = (through,) if kind in WAYS else {**SCENES, **CATALOG_SCENES}[kind]
         made = scenes[int(rng.integers(len(scenes)))](ground, rng)
         if made is not None and any(label == kind for _, label, _, _ in made.told):
             return made
         if made is not None and not made.told:
             return made  # nearly one, but none
+    return None
+
+
+def draw_pair(here: Places, kind: str, rng: np.random.Generator) -> Plant | None:
+    """Draw a plant on two ways through a junction that come from two roads."""
+    for _ in range(MORE_TRIES if here.ways else 0):
+        one, two = (here.ways[int(rng.integers(len(here.ways)))] for _ in range(2))
+        if one.junction != two.junction or one.before == two.before:
+            continue
+        made = waiting(one, two, rng) if kind == "protected_way" else meeting(one, two, rng)
+        if made is None or made.told:
+            if made is not None:
+                return made
+            continue
+        labels = {label for _, label, _, _ in two_ways(made)[1]}
+        if kind in labels or (rng.random() < NEARLY and not labels & set(CRASHING)):
+            return made
     return None
 
 
@@ -149,22 +185,29 @@ def plant_all(
     """Plant, mine and compare; give the tallies without and with variations, and what could not be varied."""
     plain, other, refused = Tally(), Tally(), []
     for number, (name, kind, plant) in enumerate(plants(files, kinds, count, seed)):
-        tracks, way, aside = tracks_of(plant.ground, plant.drives)
-        true = truth(plant.ground, seen(plant.ground, tracks, way, aside))
+        if plant.beside is None:
+            tracks, way, aside = tracks_of(plant.ground, plant.drives)
+            true, labels = truth(plant.ground, seen(plant.ground, tracks, way, aside)), set(KINDS)
+        else:
+            tracks, true, labels = two_ways(plant)
         check_told(plant, true)
-        _count(plain, name, kind, plant, tracks, true)
-        if varied and scratch is not None:
+        _count(plain, name, kind, plant, (tracks, true, labels))
+        if varied and plant.beside is None and scratch is not None:
             try:
                 for one in _varied(plant, tracks, scratch / f"{number}", varied, seed):
                     of = truth(plant.ground, seen(plant.ground, one, *placed(plant.ground, one)))
-                    _count(other, name, kind, plant, one, of)
+                    _count(other, name, kind, plant, (one, of, set(KINDS)))
             except ResimError as e:
                 refused.append(f"{name}: {e}")
     return plain, other, refused
 
 
-def _count(tally: Tally, name: str, kind: str, plant: Plant, tracks: Tracks, true: Sequence[Event]) -> None:
-    compare(tally.table, name, true, mined(tracks, plant.ground.network), KINDS)
+def _count(
+    tally: Tally, name: str, kind: str, plant: Plant, of: tuple[Tracks, Sequence[Event], set[str]]
+) -> None:
+    """Compare what is mined of tracks with all that is true of these labels."""
+    tracks, true, labels = of
+    compare(tally.table, name, true, mined(tracks, plant.ground.network), labels)
     tally.drives += 1
     for label in {label for _, label, _, _ in true}:
         if label == kind or label == "follow_lane":

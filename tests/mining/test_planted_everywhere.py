@@ -12,7 +12,7 @@ import pytest
 from resim.mining.maneuver import label_names
 
 ROOT = Path(__file__).parents[2]
-MAPS = ("motorway", "urban", "proving_ground", "ramps_0", "u_turn_0")
+MAPS = ("motorway", "urban", "proving_ground", "ramps_0", "u_turn_0", "lights_0", "stops_0")
 
 
 @pytest.fixture
@@ -23,8 +23,7 @@ def tools(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("name", MAPS)
 def test_what_is_planted_is_found_and_nothing_else(tools: None, name: str, tmp_path: Path) -> None:
     from mining_maps import maps
-    from mining_scenes import KINDS
-    from validate_planted import plant_all
+    from validate_planted import KINDS, plant_all
 
     (file,) = [one for one in maps(ROOT / "networks", None, tmp_path, 1, 3) if one.stem == name]
     plain, _, _ = plant_all([file], KINDS, 1, 3)
@@ -47,6 +46,6 @@ def test_varied_maneuvers_are_found_too(tools: None, tmp_path: Path) -> None:
 
 
 def test_no_kind_of_label_is_left_out(tools: None) -> None:
-    from mining_scenes import KINDS
+    from validate_planted import KINDS
 
     assert set(KINDS) == set(label_names())
