@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from mining_rules import Event, Seen, collisions, differences, joined, runs, spans
@@ -131,7 +132,7 @@ def lanes_change(
 ) -> Iterator[Event]:
     """Driving over places (m along the line, lanes more) where the road gets lanes or loses some; way (T,) [m]."""
     steps = seen.steps(row)
-    for last, k in zip(steps[:-1], steps[1:], strict=True):
+    for last, k in pairwise(steps):
         for at, change in counts:
             on = seen.lane[row, last] >= 0 and seen.lane[row, k] >= 0 and not seen.against(row, k)
             if on and way[last] < at <= way[k]:

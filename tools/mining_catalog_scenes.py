@@ -52,10 +52,11 @@ def crowd(ground: Ground, rng: np.random.Generator) -> Plant | None:
     if ground.length < v * seconds + MARGIN:
         return None
     lane, where = ground.own, 0.5 * v * seconds
-    edge = ground.lanes[lane].left if ground.own == 0 else ground.lanes[lane].right
-    side = 1.0 if ground.own == 0 else -1.0
-    if ground.own not in (0, len(ground.lanes) - 1):
+    sides = [k for k, at in enumerate((0, len(ground.lanes) - 1)) if at == lane and _free(ground, k)]
+    if not sides:
         return None
+    side = 1.0 if sides[0] == 0 else -1.0
+    edge = ground.lanes[lane].left if side > 0.0 else ground.lanes[lane].right
     drives = [Drive("a", driven(0.0, v), constant(in_lane(ground, lane, rng)), seconds)]
     for k in range(4 if nearly else 5):
         aside = constant(edge + side * float(rng.uniform(1.0, 2.0)))
@@ -140,15 +141,19 @@ def _beyond(ground: Ground, rng: np.random.Generator, parks: bool) -> tuple[int,
     lane = 0 if side == 0 else len(ground.lanes) - 1
     one = ground.lanes[lane]
     aside = one.left + float(rng.uniform(0.8, 1.3)) if side == 0 else one.right - float(rng.uniform(0.8, 1.3))
-    if not one.same:
-        return None
+    return (lane, aside) if one.same and _free(ground, side) else None
+
+
+def _free(ground: Ground, side: int) -> bool:
+    """Whether no driven lane of any road lies up to 2 m beyond the left (0) or right (1) edge of a ground."""
     s = np.arange(0.0, ground.length, 0.5)
-    for away in (0.2, 0.7, 1.3):
-        x, y = ground.path.xy(s, np.full(len(s), one.left + away if side == 0 else one.right - away))
+    for away in (0.2, 0.8, 1.4, 2.0):
+        aside = ground.lanes[0].left + away if side == 0 else ground.lanes[-1].right - away
+        x, y = ground.path.xy(s, np.full(len(s), aside))
         found = ground.network.lanes_at(x, y)
         if any(ground.network.lane_table.types[row] in DRIVEN for row in found.row.tolist()):
-            return None
-    return lane, aside
+            return False
+    return True
 
 
 def leave_road(ground: Ground, rng: np.random.Generator) -> Plant | None:

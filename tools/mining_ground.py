@@ -317,7 +317,12 @@ def ways(network: RoadNetwork) -> Iterator[Way]:
         if element.get("junction") in (None, "-1") or before is None or after is None:
             continue
         names = before.get("elementId"), after.get("elementId")
-        if not set(names) <= outside or len(element.findall("lanes/laneSection")) != 1:
+        passed = [one for one in root.iterfind("road") if one.get("id") in (*names, element.get("id"))]
+        if (
+            not set(names) <= outside
+            or any(torn(one) for one in passed)
+            or len(element.findall("lanes/laneSection")) != 1
+        ):
             continue
         for lane in element.iterfind("lanes/laneSection/right/lane"):
             link = lane.find("link/predecessor")

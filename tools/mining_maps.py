@@ -133,7 +133,10 @@ def write_u_turn(file: Path, rng: np.random.Generator) -> Path:
 
 
 ARMS = 4
-SIGNAL = '<signal id="{0}" s="{1:.3f}" t="{2:.3f}" orientation="-" dynamic="{3}" country="{4}" type="{5}" subtype="-1"/>'
+SIGNAL = (
+    '<signal id="{0}" s="{1:.3f}" t="{2:.3f}" orientation="-" dynamic="{3}" country="{4}" type="{5}"'
+    ' subtype="-1"/>'
+)
 
 
 def write_crossing(file: Path, rng: np.random.Generator, *, lights: bool) -> Path:

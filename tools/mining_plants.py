@@ -70,7 +70,10 @@ def driven(start: float, v: float, *steps: tuple[float, float, float]) -> Profil
 
 @dataclass(frozen=True)
 class Drive:
-    """Somebody on a line: way along it and metres to the left by time, when it is there [s], and yaw [rad] off its way."""
+    """Somebody on a line: way along it and metres to the left by time, and when it is there [s].
+
+    yaw [rad] by time: how far it is headed to the left of its way.
+    """
 
     name: str
     way: Profile

@@ -356,7 +356,7 @@ def crossing(ground: Ground, rng: np.random.Generator) -> Plant | None:
 
 def walking(ground: Ground, rng: np.random.Generator) -> Plant | None:
     lane, seconds = int(rng.choice(same_way(ground))), 8.0
-    v = float(rng.uniform(0.8, 2.0)) * float(rng.choice([-1.0, 1.0]))
+    v = float(rng.uniform(0.8, 2.0)) * (1.0 if ground.turns else float(rng.choice([-1.0, 1.0])))
     if ground.length < 40.0:
         return None
     drive = Drive("a", driven(0.5 * ground.length, v), constant(in_lane(ground, lane, rng)), seconds,

@@ -58,10 +58,14 @@ KINDS = (*LABELS, *CATALOG_KINDS)
 
 @dataclass
 class Tally:
-    """Counts of labels, and on which maps each kind was planted on purpose, how often."""
+    """Counts of labels, and on which maps each kind was planted on purpose, how often.
+
+    off: by label, s that starts and ends differ from the truth at most.
+    """
 
     table: Table = field(default_factory=dict)
     planted: dict[str, dict[str, int]] = field(default_factory=lambda: defaultdict(lambda: defaultdict(int)))
+    off: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     drives: int = 0
 
 
@@ -207,11 +211,22 @@ def _count(
 ) -> None:
     """Compare what is mined of tracks with all that is true of these labels."""
     tracks, true, labels = of
-    compare(tally.table, name, true, mined(tracks, plant.ground.network), labels)
+    found = mined(tracks, plant.ground.network)
+    compare(tally.table, name, true, found, labels)
+    for label in labels:
+        _compare_times(tally, label, true, found)
     tally.drives += 1
     for label in {label for _, label, _, _ in true}:
         if label == kind or label == "follow_lane":
             tally.planted[label][plant.ground.name] += 1
+
+
+def _compare_times(tally: Tally, label: str, true: Sequence[Event], found: Sequence[Event]) -> None:
+    """Note how far starts and ends are from the truth, where there are as many labels as there should be."""
+    times = [sorted((who, a, b) for who, of, a, b in side if of == label) for side in (true, found)]
+    if [one[0] for one in times[0]] == [one[0] for one in times[1]]:
+        for (_, a, b), (_, c, d) in zip(*times, strict=True):
+            tally.off[label] = max(tally.off[label], abs(a - c), abs(b - d))
 
 
 def _varied(plant: Plant, tracks: Tracks, folder: Path, count: int, seed: int) -> Iterator[Tracks]:
@@ -223,16 +238,20 @@ def _varied(plant: Plant, tracks: Tracks, folder: Path, count: int, seed: int) -
 
 
 def print_tally(tally: Tally, listed: int) -> None:
-    print("| maneuver | maps | truth | found | precision | recall |\n|---|---|---|---|---|---|")
+    print(
+        "| maneuver | maps | truth | found | precision | recall | starts and ends off by |\n|---|---|---|---|---|---|---|"
+    )
     for label in KINDS:
         one = tally.table.get(label)
         if one is None:
-            print(f"| `{label}` | 0 | 0 | 0 | – | – |")
+            print(f"| `{label}` | 0 | 0 | 0 | – | – | – |")
             continue
         precision = f"{100.0 * one.right / one.found:.1f} %" if one.found else "–"
         recall = f"{100.0 * one.right / one.truth:.1f} %" if one.truth else "–"
         on = len(tally.planted[label])
-        print(f"| `{label}` | {on} | {one.truth} | {one.found} | {precision} | {recall} |")
+        print(
+            f"| `{label}` | {on} | {one.truth} | {one.found} | {precision} | {recall} | {tally.off[label]:.2f} s |"
+        )
         for what, lines in (("missed", one.misses), ("wrong", one.wrong)):
             for line in lines[:listed]:
                 print(f"  {label} {what} in {line}", file=sys.stderr)
