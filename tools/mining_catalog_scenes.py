@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from mining_ground import DRIVEN, Ground, same_way
+from mining_ground import Ground, free_beside, same_way
 from mining_plants import Drive, Plant, Profile, driven, quintic, stepped
 from mining_scenes import ALONG, MARGIN, Scene, constant, draw_speed, in_lane
 
 NEARLY = 0.25
 """Share of the plants that are nearly one, but none."""
+MEET = (0.5, 1.8)
+"""m between places on two lines at which two meet: where these cross, or shortly before they join."""
 WALKER = {"kind": "pedestrian", "length": 0.5, "width": 0.6}
 CYCLIST = {"kind": "bicycle", "length": 1.8, "width": 0.6}
 
@@ -24,7 +26,7 @@ def running(ground: Ground, rng: np.random.Generator) -> Plant | None:
     v = float(rng.uniform(1.9, 2.4) if nearly else rng.uniform(2.6, 5.0))
     right, left = ground.lanes[-1].right - 0.8, ground.lanes[0].left + 0.8
     seconds, where = (left - right) / v, float(rng.uniform(0.3, 0.7)) * ground.length
-    if left - right > 40.0 or seconds < 1.2:
+    if left - right > 40.0 or seconds < 1.2 or not all(free_beside(ground, side) for side in (0, 1)):
         return None
     begin, way = (right, 1.0) if rng.random() < 0.5 else (left, -1.0)
     drive = Drive("a", driven(where, 0.0), lambda t: begin + way * v * t, seconds, **WALKER)
@@ -52,7 +54,7 @@ def crowd(ground: Ground, rng: np.random.Generator) -> Plant | None:
     if ground.length < v * seconds + MARGIN:
         return None
     lane, where = ground.own, 0.5 * v * seconds
-    sides = [k for k, at in enumerate((0, len(ground.lanes) - 1)) if at == lane and _free(ground, k)]
+    sides = [k for k, at in enumerate((0, len(ground.lanes) - 1)) if at == lane and free_beside(ground, k)]
     if not sides:
         return None
     side = 1.0 if sides[0] == 0 else -1.0
@@ -141,19 +143,7 @@ def _beyond(ground: Ground, rng: np.random.Generator, parks: bool) -> tuple[int,
     lane = 0 if side == 0 else len(ground.lanes) - 1
     one = ground.lanes[lane]
     aside = one.left + float(rng.uniform(0.8, 1.3)) if side == 0 else one.right - float(rng.uniform(0.8, 1.3))
-    return (lane, aside) if one.same and _free(ground, side) else None
-
-
-def _free(ground: Ground, side: int) -> bool:
-    """Whether no driven lane of any road lies up to 2 m beyond the left (0) or right (1) edge of a ground."""
-    s = np.arange(0.0, ground.length, 0.5)
-    for away in (0.2, 0.8, 1.4, 2.0):
-        aside = ground.lanes[0].left + away if side == 0 else ground.lanes[-1].right - away
-        x, y = ground.path.xy(s, np.full(len(s), aside))
-        found = ground.network.lanes_at(x, y)
-        if any(ground.network.lane_table.types[row] in DRIVEN for row in found.row.tolist()):
-            return False
-    return True
+    return (lane, aside) if one.same and free_beside(ground, side) else None
 
 
 def leave_road(ground: Ground, rng: np.random.Generator) -> Plant | None:
@@ -265,7 +255,7 @@ def _top(ground: Ground) -> float:
 
 def meeting(one: Ground, two: Ground, rng: np.random.Generator) -> Plant | None:
     """Two on two ways through a junction meet where these cross or join; or one is there seconds after the other."""
-    places = _meet(one, two)
+    places = _meet(one, two, float(rng.choice(MEET)))
     if places is None:
         return None
     at = places[int(rng.integers(len(places)))]
@@ -281,8 +271,8 @@ def meeting(one: Ground, two: Ground, rng: np.random.Generator) -> Plant | None:
     return Plant(one, [drives[0]], [], (two, drives[1]))
 
 
-def _meet(one: Ground, two: Ground) -> list[tuple[float, float]] | None:
-    """Places [m] along two lines, inside of the junction or shortly behind it, that are nearly the same."""
+def _meet(one: Ground, two: Ground, apart: float) -> list[tuple[float, float]] | None:
+    """Places [m] along two lines, inside of the junction or shortly behind it, that are less than `apart` [m] apart."""
     grids = [
         np.arange(g.turns[0][0] + 0.5, min(g.turns[0][1] + 6.0, g.length - 4.0), 0.5) for g in (one, two)
     ]
@@ -293,13 +283,13 @@ def _meet(one: Ground, two: Ground) -> list[tuple[float, float]] | None:
     if not len(points[0]) or not len(points[1]):
         return None
     away = np.abs(points[0][:, None] - points[1][None, :])
-    near = np.flatnonzero(away.min(axis=1) < 0.5)
+    near = np.flatnonzero(away.min(axis=1) < apart)
     return [(float(grids[0][k]), float(grids[1][away[k].argmin()])) for k in near] or None
 
 
 def waiting(one: Ground, two: Ground, rng: np.random.Generator) -> Plant | None:
     """One passes lights while another waits at those of a way that crosses its own; or that one creeps."""
-    if not one.signs.lit or _meet(one, two) is None:
+    if not one.signs.lit or _meet(one, two, MEET[0]) is None:
         return None
     v, nearly = float(rng.uniform(0.6, 1.0)) * _top(one), rng.random() < NEARLY
     seconds, begin = (one.length - 2.0) / v, one.turns[0][0] / v

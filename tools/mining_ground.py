@@ -40,6 +40,8 @@ STEP, ARM = 0.25, 60.0
 """m between the points of a centre line, and of the lanes before and after a junction at most."""
 SHORTEST_ARM, BORDER = 12.0, 1.0
 """m of an arm at least, and that strips keep from the ends of a road's sections."""
+SHORTEST_INSIDE, GAP = 3.0, 0.05
+"""m of a way inside of a junction at least: shorter ones lie between two samples; m that lanes are apart at most."""
 BEHIND = 0.5
 """m that a line begins before its start, as speeds there are told of places before."""
 TIGHT, BENDS = 60.0, 0.52
@@ -363,6 +365,8 @@ def way_through(network: RoadNetwork, way: Way, counts: set[str]) -> Ground | No
     arm = min(ARM, _alike(network, before, lane) - 2.0)
     if arm < SHORTEST_ARM or other.length < SHORTEST_ARM + 2.0 or inner.junction not in counts:
         return None
+    if inner.length < SHORTEST_INSIDE or not _meets(network, way):
+        return None
     start = own.length - arm if lane < 0 else arm
     route = Route(((before,), (inside,), (after,)))
     path = lane_path(network, before, lane, start, arm + inner.length + min(ARM, other.length - 2.0),
@@ -379,9 +383,44 @@ def way_through(network: RoadNetwork, way: Way, counts: set[str]) -> Ground | No
     types_along = tuple(zip((begin, end, np.inf), types, strict=True))
     return Ground(
         network, path, float(path.s[-1]), lanes, 0, types_along, ((begin, end, label),),
-        crossings=((begin, end),), counts=_counts_behind(network, path, after, end), turn=turn,
+        crossings=_crossings(network, (before, after), (begin, end), counts),
+        counts=_counts_behind(network, path, after, end), turn=turn,
         junction=inner.junction, before=before, signs=signs_of(network, before, lane, inside),
     )  # fmt: skip
+
+
+def _meets(network: RoadNetwork, way: Way) -> bool:
+    """Whether the lane before a junction ends where that inside begins."""
+    s = network.roads[way.before].length - 1e-6 if way.lane < 0 else 1e-6
+    x, y = network.to_xy(np.array([way.before]), np.array([way.lane]), np.array([s]), np.zeros(1))
+    x1, y1 = _ends(network, way.inside, way.inner)
+    return bool(np.hypot(x[0] - x1[0], y[0] - y1[0]) <= GAP)
+
+
+def free_beside(ground: Ground, side: int) -> bool:
+    """Say whether no driven lane of any road lies up to 2 m beyond the left (0) or right (1) edge of a ground."""
+    s = np.arange(0.0, ground.length, 0.5)
+    for away in (0.2, 0.8, 1.4, 2.0):
+        aside = ground.lanes[0].left + away if side == 0 else ground.lanes[-1].right - away
+        x, y = ground.path.xy(s, np.full(len(s), aside))
+        found = ground.network.lanes_at(x, y)
+        if any(ground.network.lane_table.types[row] in DRIVEN for row in found.row.tolist()):
+            return False
+    return True
+
+
+def _crossings(
+    network: RoadNetwork, arms: tuple[str, str], inside: tuple[float, float], counts: set[str]
+) -> tuple[tuple[float, float], ...]:
+    """The crossing of a way, and those at the other ends of the roads before and behind it."""
+    out = [inside]
+    elements = roads(network)
+    lengths = [float(elements[name].get("length")) for name in arms]
+    if all(crossed_ends(elements[arms[0]], counts)):
+        out.append((-np.inf, inside[0] - lengths[0]))
+    if all(crossed_ends(elements[arms[1]], counts)):
+        out.append((inside[1] + lengths[1], np.inf))
+    return tuple(out)
 
 
 def _alike(network: RoadNetwork, road: str, lane: int) -> float:

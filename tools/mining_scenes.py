@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from mining_ground import CLASSES, Ground, same_way
+from mining_ground import CLASSES, Ground, free_beside, same_way
 from mining_plants import Drive, Plant, Profile, driven, quintic, stepped
 
 Scene = Callable[[Ground, np.random.Generator], Plant | None]
@@ -342,7 +342,7 @@ def crossing(ground: Ground, rng: np.random.Generator) -> Plant | None:
     bicycle = rng.random() < 0.4
     v = float(rng.uniform(2.0, 4.0) if bicycle else rng.uniform(0.8, 2.0))
     right, left = ground.lanes[-1].right - 0.8, ground.lanes[0].left + 0.8
-    if left - right > 40.0:
+    if left - right > 40.0 or not all(free_beside(ground, side) for side in (0, 1)):
         return None
     seconds, where = (left - right) / v, float(rng.uniform(0.2, 0.8)) * ground.length
     slant = float(rng.uniform(-0.5, 0.5)) * v
