@@ -16,6 +16,7 @@ NEARLY = 0.25
 """Share of the plants that are nearly one, but none."""
 MEET = (0.5, 1.8)
 """m between places on two lines at which two meet: where these cross, or shortly before they join."""
+TRUCK = {"kind": "truck", "length": 10.0, "width": 2.5}
 WALKER = {"kind": "pedestrian", "length": 0.5, "width": 0.6}
 CYCLIST = {"kind": "bicycle", "length": 1.8, "width": 0.6}
 
@@ -253,21 +254,21 @@ def _top(ground: Ground) -> float:
     return float(min(np.sqrt(ALONG / max(ground.bend, 1e-6)), 12.0))
 
 
-def meeting(one: Ground, two: Ground, rng: np.random.Generator) -> Plant | None:
-    """Two on two ways through a junction meet where these cross or join; or one is there seconds after the other."""
+def meeting(one: Ground, two: Ground, rng: np.random.Generator, *, late: bool) -> Plant | None:
+    """Two on two ways through a junction meet where these cross or join; or the second is there seconds later."""
     places = _meet(one, two, float(rng.choice(MEET)))
     if places is None:
         return None
     at = places[int(rng.integers(len(places)))]
     speeds = [float(rng.uniform(0.6, 1.0)) * _top(ground) for ground in (one, two)]
-    late = float(rng.uniform(3.0, 4.0)) if rng.random() < NEARLY else 0.0
     times = [at[k] / speeds[k] for k in range(2)]
-    wait = times[0] - times[1] + late
+    wait = times[0] - times[1] + (float(rng.uniform(3.0, 4.0)) if late else 0.0)
     starts = [max(-wait, 0.0), max(wait, 0.0)]
     drives = []
     for name, ground, v, start in zip("ab", (one, two), speeds, starts, strict=True):
         way: Profile = lambda t, v=v, start=start: v * (t - start)  # noqa: E731
-        drives.append(Drive(name, way, constant(0.0), start + (ground.length - 2.0) / v, start))
+        size = TRUCK if rng.random() < 0.5 else {}
+        drives.append(Drive(name, way, constant(0.0), start + (ground.length - 2.0) / v, start, **size))
     return Plant(one, [drives[0]], [], (two, drives[1]))
 
 

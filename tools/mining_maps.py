@@ -144,7 +144,7 @@ def write_crossing(file: Path, rng: np.random.Generator, *, lights: bool) -> Pat
 
     With lights at all arms, or with stop signs at two opposite ones.
     """
-    radius, width, parks = float(rng.uniform(12.0, 18.0)), 3.5, 2.4
+    radius, width, parks = float(rng.uniform(9.0, 16.0)), 3.5, 2.4
     turned = float(rng.uniform(0.0, 2.0 * pi))
     headings = [turned + 0.5 * pi * k for k in range(ARMS)]
     out, ways = [], []

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+import mining_catalog_rules as rules
 import numpy as np
 from mining_catalog_scenes import (
     CATALOG_KINDS,
@@ -46,7 +47,7 @@ from resim.recordings import Recording, read_recording, write_recording
 from resim.road.opendrive import RoadNetwork, load
 
 ROOT = Path(__file__).parents[1]
-TRIES, MORE_TRIES, LONGEST, LEAST = 40, 400, 420.0, 60.0
+TRIES, MORE_TRIES, LONGEST, LEAST = 40, 1500, 420.0, 60.0
 """Draws of a plant before a map is said not to express it; m of a strip at most, and at least."""
 ON_WAYS = ("tailgating_minor", "speeding", "standing", "strong_braking", "strong_acceleration", "reversing",
            "walking_on_road", "collision")  # fmt: skip
@@ -55,6 +56,8 @@ AT_EDGES, EDGES = ("leave_road", "enter_parking", "leave_parking"), 110.0
 """Kinds that need the same beside the lanes all along, and m of their strips at most."""
 MOMENTS = {"pass", "overtaking_right", "enter_highway", "exit_highway"}
 """Kinds of which the truth is told of a moment, and not from when to when."""
+LIKELY = {"crash_right_across_lateral": ("crash_right_into_path",)}
+"""What the lines of two ways tell beforehand, where it is more than the kind."""
 KINDS = (*LABELS, *CATALOG_KINDS)
 
 
@@ -133,19 +136,32 @@ def draw_plant(here: Places, kind: str, rng: np.random.Generator) -> Plant | Non
 
 def draw_pair(here: Places, kind: str, rng: np.random.Generator) -> Plant | None:
     """Draw a plant on two ways through a junction that come from two roads."""
+    late = rng.random() < NEARLY
     for _ in range(MORE_TRIES if here.ways else 0):
         one, two = (here.ways[int(rng.integers(len(here.ways)))] for _ in range(2))
         if one.junction != two.junction or one.before == two.before:
             continue
-        made = waiting(one, two, rng) if kind == "protected_way" else meeting(one, two, rng)
-        if made is None or made.told:
-            if made is not None:
-                return made
+        if kind == "protected_way":
+            made = waiting(one, two, rng)
+        elif late or crossing_paths(one, two) in LIKELY.get(kind, (kind,)):
+            made = meeting(one, two, rng, late=late)
+        else:
+            continue
+        if made is None:
             continue
         labels = {label for _, label, _, _ in two_ways(made)[1]}
-        if kind in labels or (rng.random() < NEARLY and not labels & set(CRASHING)):
+        if kind == "protected_way" or kind in labels or (late and not labels & set(CRASHING)):
             return made
     return None
+
+
+def crossing_paths(one: Ground, two: Ground) -> str:
+    """Give how two would collide on two ways through a junction, told of the first, by the lines alone."""
+    ways = []
+    for ground in (one, two):
+        heading = float(np.interp(ground.turns[0][0], ground.path.s, ground.path.heading))
+        ways.append(rules.Through(ground.junction, 0.0, 0.0, heading, ground.turn, np.zeros(0)))
+    return rules.crossing_paths(ways[0], ways[1], 0.0)
 
 
 def mined(tracks: Tracks, network: RoadNetwork) -> list[Event]:

@@ -25,6 +25,8 @@ from resim.mining.settings import MiningSettings, RightOfWaySettings
 
 PROTECTED, UNPROTECTED, RUNS_STOP = "protected_way", "unprotected_way", "run_stop_sign"
 BACKING = "reversing_at_junction"
+JOINED = 0.1
+"""m: lines of lanes that come so near join."""
 
 
 def find(
@@ -150,7 +152,7 @@ class _Rights:
             from_there = self.approaches[row]
             if row in own or not from_there or any(lanes.road[a] == lanes.road[approach] for a in from_there):
                 continue
-            if any(self._line(row).intersects(self._line(one)) for one in own):
+            if any(self._line(row).dwithin(self._line(one), JOINED) for one in own):
                 out.add(row)
         return out
 
