@@ -13,6 +13,8 @@ from resim.mining.maneuver import label_names
 
 ROOT = Path(__file__).parents[2]
 MAPS = ("motorway", "urban", "proving_ground", "ramps_0", "u_turn_0", "lights_0", "stops_0")
+A_SAMPLE = 0.041
+"""s that starts and ends of labels may be off."""
 
 
 @pytest.fixture
@@ -31,6 +33,7 @@ def test_what_is_planted_is_found_and_nothing_else(tools: None, name: str, tmp_p
     assert {
         label: (one.misses, one.wrong) for label, one in plain.table.items() if one.misses or one.wrong
     } == {}
+    assert {label: off for label, off in plain.off.items() if off > A_SAMPLE} == {}
 
 
 def test_varied_maneuvers_are_found_too(tools: None, tmp_path: Path) -> None:
@@ -43,6 +46,16 @@ def test_varied_maneuvers_are_found_too(tools: None, tmp_path: Path) -> None:
     assert {
         label: (one.misses, one.wrong) for label, one in varied.table.items() if one.misses or one.wrong
     } == {}
+
+
+def test_a_way_that_joins_is_held_back_by_lights_too(tools: None, tmp_path: Path) -> None:
+    from mining_maps import maps
+    from validate_planted import plant_all
+
+    (file,) = [one for one in maps(ROOT / "networks", None, tmp_path, 1, 7) if one.stem == "lights_0"]
+    plain, _, _ = plant_all([file], ("protected_way",), 2, 7)
+    found = plain.table["protected_way"]
+    assert (found.truth, found.right, found.wrong) == (found.found, found.found, [])
 
 
 def test_no_kind_of_label_is_left_out(tools: None) -> None:
