@@ -55,6 +55,8 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,mining_dense,validate_mining.py traffic --hours 0.0222 --settings scenarios/traffic/hasty.toml)
 	$(call validated,mining_town,validate_mining.py town --hours 0.2)
 	$(call validated,mining_damaged,validate_mining.py damaged --hours 0.1 --seed 3)
+	$(call validated,mining_planted,validate_planted.py $(DATA) --count 3)
+	$(call validated,mining_planted_varied,validate_planted.py $(DATA) --count 1 --varied 1)
 	$(call validated,mining_augmented,validate_mining.py augmented --count 10)
 	$(call validated,kinds,validate_kinds.py)
 	$(call validated,distances,validate_distances.py $(DATA))

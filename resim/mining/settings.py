@@ -135,8 +135,8 @@ class CriticalSettings(Strict):
 
 
 class OnFootSettings(Strict):
-    """Pedestrians. running [m/s]: from this speed on, who crosses runs. staying [s]: who is then within staying_radius
-    [m] stays there. crowd: so many within crowd_radius [m] of a vehicle are a crowd.
+    """Pedestrians. running [m/s]: from this speed on, who crosses runs. staying [s]: who is then still within
+    staying_radius [m] stays there all that time. crowd: so many within crowd_radius [m] of a vehicle are a crowd.
     """
 
     running: float = Field(default=2.5, gt=0.0)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from junction import ARM, write_junction
 from mining.planted import Drive, path_of, smooth, steady, tracks_of, write_motorway
 
 from resim.core.tracks import Tracks
@@ -15,6 +16,7 @@ from resim.jobs.generate import generate_recording
 from resim.mining.features import features
 from resim.mining.find import find_maneuvers
 from resim.recordings import read_recording
+from resim.road.driven_route import Route
 from resim.road.opendrive import RoadNetwork, load
 
 ROOT = Path(__file__).parents[2]
@@ -32,6 +34,44 @@ def labels_of(tracks: Tracks, network: RoadNetwork) -> dict[str, list[float]]:
     for one in find_maneuvers(found):
         out.setdefault(one.label, []).append(float(found.samples.t[one.start]))
     return out
+
+
+def write_short_sections(path: Path) -> Path:
+    """The junction of our own, whose road 1 has a last section of 8 m, and a stop sign at its end."""
+    text = write_junction(path).read_text()
+    end = text.index("</laneSection>") + len("</laneSection>")
+    section = text[text.index("<laneSection") : end]
+    first = section.replace("<link></link>", '<link><successor id="-1"/></link>')
+    last = section.replace('s="0"', f's="{ARM - 8.0}"', 1)
+    last = last.replace("<link></link>", '<link><predecessor id="-1"/></link>')
+    sign = f'<signal id="s" s="{ARM - 1.0}" t="-3" orientation="+" dynamic="no" country="DE" type="206"/>'
+    signs = f"</lanes><signals>{sign}</signals></road>"
+    text = text.replace(section, first + last, 1).replace("</lanes></road>", signs, 1)
+    path.write_text(text)
+    return path
+
+
+def test_near_a_junction_is_told_over_short_lane_sections(tmp_path: Path) -> None:
+    network = load(write_short_sections(tmp_path / "short.xodr"))
+    path = path_of(network, "1", -1, 20.0, 150.0, Route((("1",), ("10",), ("2",))))
+    back = Drive("a", lambda t: 85.0 - 1.0 * t, end=4.0, backwards=True)  # from 15 m before the junction on
+    assert labels_of(tracks_of(path, [back]), network)["reversing_at_junction"] == pytest.approx(
+        [0.0], abs=0.05
+    )
+    far = Drive("a", lambda t: 79.0 - 1.0 * t, end=4.0, backwards=True)
+    assert "reversing_at_junction" not in labels_of(tracks_of(path, [far]), network)
+    steadily = labels_of(tracks_of(path, [Drive("a", steady(8.0), end=18.0)]), network)
+    assert steadily["run_stop_sign"] == pytest.approx([80.0 / 8.0], abs=0.1)
+    stops = Drive("a", lambda t: np.clip(8.0 * t, None, 88.0) + 8.0 * np.clip(t - 14.0, 0.0, None), end=20.0)
+    assert "run_stop_sign" not in labels_of(tracks_of(path, [stops]), network)  # 12 m before the junction
+
+
+def test_who_stays_on_the_road_does_so_to_the_end(motorway: RoadNetwork) -> None:
+    path = path_of(motorway, "7", -1, 20.0, 250.0)
+    stays = Drive("a", steady(0.1), end=12.0, kind="pedestrian", length=0.5, width=0.5)
+    found = features(tracks_of(path, [stays]), motorway)
+    (one,) = [one for one in find_maneuvers(found) if one.label == "staying_on_road"]
+    assert found.samples.t[[one.start, one.end]] == pytest.approx([0.0, 12.0])
 
 
 def test_the_road_gets_lanes_and_loses_them(motorway: RoadNetwork) -> None:

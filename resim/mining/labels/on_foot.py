@@ -47,13 +47,20 @@ def find(
 
 
 def _stays(features: Features, rules: OnFootSettings) -> Bools:
-    """Whether (K,) somebody is within `staying_radius` of there `staying` [s] later, and on the road all that time."""
+    """Whether (K,) somebody stays: is within `staying_radius` of there `staying` [s] later, and on the road until then.
+
+    All of that time is part of it.
+    """
     samples = features.samples
     later = _later(samples.t, samples.piece, rules.staying)
     known = later >= 0
     way = np.hypot(samples.x[later] - samples.x, samples.y[later] - samples.y)
     off = np.cumsum(features.row < 0)
-    return np.asarray(known & (way <= rules.staying_radius) & (off[later] == off))
+    begins = np.flatnonzero(known & (way <= rules.staying_radius) & (off[later] == off))
+    count = np.zeros(len(off) + 1, dtype=np.intp)
+    count[begins] += 1
+    np.subtract.at(count, later[begins] + 1, 1)
+    return np.asarray(np.cumsum(count[:-1]) > 0)
 
 
 def _later(t: np.ndarray, piece: Ints, seconds: float) -> Ints:

@@ -14,17 +14,20 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from resim.core.geometry import Floats
 from resim.mining.features import Features
 from resim.mining.labels.others import REVERSING
 from resim.mining.labels.turns import LABELS as WAYS
 from resim.mining.labels.turns import crossings
-from resim.mining.lane_map import MinedLanes
+from resim.mining.lane_map import MinedLanes, Ways
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.samples import Ints
 from resim.mining.settings import MiningSettings, RightOfWaySettings
 
 PROTECTED, UNPROTECTED, RUNS_STOP = "protected_way", "unprotected_way", "run_stop_sign"
 BACKING = "reversing_at_junction"
+JOINED = 0.1
+"""m: lines of lanes that come so near join."""
 
 
 def find(
@@ -64,14 +67,14 @@ def find_backing(
     lanes, reach = features.lanes, settings.right_of_way.stop_before
     inside = (lanes.junction >= 0) & counts[lanes.junction]
     rows = np.flatnonzero(inside).tolist()
-    before = {one for row in rows for one in _of(lanes.before, row)}
-    after = {one for row in rows for one in _of(lanes.after, row)}
+    to_go = _metres(lanes, {one for row in rows for one in _of(lanes.before, row)}, lanes.before, reach)
+    gone = _metres(lanes, {one for row in rows for one in _of(lanes.after, row)}, lanes.after, reach)
     for one in backing:
         own = np.arange(one.start, one.end + 1)
         own = own[features.row[own] >= 0]
         row, u = features.row[own], features.u[own]
-        near = inside[row] | (np.isin(row, list(after)) & (u <= reach))
-        near |= np.isin(row, list(before)) & (lanes.stations.length[row] - u <= reach)
+        near = inside[row] | (gone[row] + u <= reach)
+        near |= to_go[row] + lanes.stations.length[row] - u <= reach
         if near.any():
             at = own[near]
             yield LabelledManeuver(BACKING, one.object, int(at[0]), int(at[-1]), int(at[0]))
@@ -104,13 +107,15 @@ class _Rights:
         return int(self.features.row[k])
 
     def last_metres(self, start: int, approach: int) -> Ints:
-        """The samples before `start` that are on the approach, as far as is looked for a stop."""
-        features = self.features
+        """The last samples before `start` that are on the approach, as far as is looked for a stop."""
+        features, reach = self.features, self.rules.stop_before
         low = int(features.samples.first[self._owner(start)])
         own = np.arange(low, start)
-        left = features.lanes.stations.length[approach] - features.u[own]
-        on = (features.row[own] == approach) & (left <= self.rules.stop_before)
-        return own[on] if on.any() else own[-1:]
+        own = own[features.row[own] >= 0]
+        left = self._left({approach}, own, reach)
+        far = np.flatnonzero(left > reach)
+        near = own[far[-1] + 1 :] if len(far) else own
+        return near if len(near) else own[-1:]
 
     def held_back(self, way: LabelledManeuver) -> int:
         """Who stands at lights for a way as long as it lasts (row of the tracks), -1 for nobody."""
@@ -124,12 +129,18 @@ class _Rights:
         there = there[samples.owner[there] != way.object]
         if (np.isin(features.row[there], list(crossing)) & (np.abs(samples.v[there]) > self.standing)).any():
             return -1
-        left = features.lanes.stations.length[features.row[there]] - features.u[there]
-        stands = np.isin(features.row[there], list(held)) & (np.abs(samples.v[there]) <= self.standing)
-        stands &= left <= self.rules.near
+        stands = np.abs(samples.v[there]) <= self.standing
+        stands &= self._left(held, there, self.rules.near) <= self.rules.near
         who, count = np.unique(samples.owner[there[stands]], return_counts=True)
         whole = who[count == steps[1] - steps[0] + 1]
         return int(whole[0]) if len(whole) else -1
+
+    def _left(self, approaches: set[int], samples: Ints, reach: float) -> Floats:
+        """Metres from samples to the end of the lane among these that they lead to; infinite beyond `reach`."""
+        features, lanes = self.features, self.features.lanes
+        row = features.row[samples]
+        left = _metres(lanes, approaches, lanes.before, reach)[row] + lanes.stations.length[row]
+        return np.where(row >= 0, left - features.u[samples], np.inf)
 
     def _owner(self, k: int) -> int:
         return int(self.features.samples.owner[k])
@@ -143,7 +154,7 @@ class _Rights:
             from_there = self.approaches[row]
             if row in own or not from_there or any(lanes.road[a] == lanes.road[approach] for a in from_there):
                 continue
-            if any(self._line(row).intersects(self._line(one)) for one in own):
+            if any(self._line(row).dwithin(self._line(one), JOINED) for one in own):
                 out.add(row)
         return out
 
@@ -164,6 +175,22 @@ class _Rights:
             x, y = network.to_xy(np.full(20, road.id), np.full(20, table.lane[row]), s, 0.0)
             self.lines[row] = shapely.LineString(np.stack([x, y], axis=1))
         return self.lines[row]
+
+
+def _metres(lanes: MinedLanes, rows: set[int], ways: Ways, reach: float) -> Floats:
+    """Metres (L,) from these rows, which are at 0, to the near end of those that follow along `ways`.
+
+    A road may have short lane sections: what is near begins on others. Infinite beyond `reach` [m].
+    """
+    out = np.full(len(lanes.road), np.inf)
+    todo = [(0.0, row) for row in rows]
+    while todo:
+        far, row = todo.pop()
+        if far > reach or far >= out[row]:
+            continue
+        out[row] = far
+        todo += [(far + float(lanes.stations.length[row]), one) for one in _of(ways, row)]
+    return out
 
 
 def _of(ways: tuple[np.ndarray, np.ndarray], row: int) -> list[int]:
