@@ -213,10 +213,12 @@ def test_too_many_streams_are_refused(served: Callable[..., Any]) -> None:
 
     _, address, token = served()
     with entered(address, token) as client, ExitStack() as opened:
-        for _ in range(12):
+        for _ in range(24):
             answer = opened.enter_context(client.stream("GET", "/events"))
             assert answer.status_code == 200
         assert client.get("/events").status_code == 429
+        with entered(address, token) as again:  # another session makes nobody another client
+            assert again.get("/events").status_code == 429
         opened.close()
 
         def is_open() -> bool:
