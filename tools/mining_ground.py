@@ -225,7 +225,8 @@ def strip(network: RoadNetwork, piece: _Piece, own: int, start: float, length: f
     path = lane_path(network, piece.road, own, begin, length, behind=BEHIND, step=STEP)
     lanes, at, outer = _beside(piece, own)
     element = roads(network)[piece.road]
-    edges = beyond(element, piece.first, piece.last, outer)
+    first, last = sorted((begin, begin + length if own < 0 else begin - length))
+    edges = beyond(element, first, last, outer)
     ends = crossed_ends(element, crossing_junctions(network))
     behind, ahead = begin, float(element.get("length")) - begin
     if own > 0:
