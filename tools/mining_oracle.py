@@ -1,22 +1,39 @@
 """What vehicles on a motorway do, told again from exact tracks and the texts: for comparison with mined labels.
 
 Nothing of `resim.mining` or `resim.scenario.maneuvers` is used. Lanes are lines of points, linked where one ends at the
-start of another, and each sample is on the lane whose points are nearest; plain loops over samples say the rest.
-Kaefer 2022, 4.5.6.2 to 4.5.6.9 and Table 4.3, with the readings that the labels name. Lane changes are not found here:
-they are those of the truth, and are judged where the track shows Kaefer's two ends.
+start of another, and each sample is on the lane whose points are nearest; the plain loops of tools/mining_rules.py say
+the rest. Lane changes are not found here: they are those of the truth, and are judged where the track shows Kaefer's
+two ends.
 """
 
 from __future__ import annotations
 
 import bisect
-import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from lxml import etree
+from mining_rules import (
+    CLOSE,
+    Change,
+    Event,
+    Seen,
+    critical,
+    cuts,
+    differences,
+    follow_lane,
+    joined,
+    leaders,
+    passes,
+    ramps,
+    speeds,
+    swerving,
+    tailgating,
+    wrong_way,
+)
 from scipy.spatial import cKDTree
 
 from resim.core.tracks import Tracks
@@ -26,15 +43,13 @@ STEP, LINKED, NEIGHBOURS = 0.5, 0.3, 16
 """m between the points of a lane, m between the end of one and the start of the next, points looked at."""
 DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
 CLASSES = {"entry": "on", "onRamp": "on", "exit": "off", "offRamp": "off", "driving": "main"}
-TTC, CLOSE = 2.0, 1.0
-Event = tuple[str, str, float, float]
-"""Object, label, start and end [s]."""
 
 
 class Lane(NamedTuple):
     """One lane of one section, in driving direction: points (P,) x + iy, s [m] along them, half width (P,)."""
 
     road: str
+    section: int
     number: int
     kind: str
     points: np.ndarray
@@ -43,12 +58,16 @@ class Lane(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Samples of all vehicles (N, T): lane (-1: none), chain, m along it, m left of the centre."""
+    """Samples of all vehicles (N, T): lane (-1: none), chain, m along it, m left of the centre, heading of the lane,
+    half its width.
+    """
 
     lane: np.ndarray
     chain: np.ndarray
     station: np.ndarray
     offset: np.ndarray
+    heading: np.ndarray
+    half: np.ndarray
 
 
 def read_lanes(road: Path) -> list[Lane]:
@@ -58,7 +77,8 @@ def read_lanes(road: Path) -> list[Lane]:
         name, length = element.get("id"), float(element.get("length"))
         sections = element.findall("lanes/laneSection")
         starts = [float(one.get("s")) for one in sections]
-        for section, first, last in zip(sections, starts, [*starts[1:], length], strict=True):
+        ends = [*starts[1:], length]
+        for place_of, (section, first, last) in enumerate(zip(sections, starts, ends, strict=True)):
             for lane in section.iterfind(".//lane"):
                 number = int(lane.get("id"))
                 if number == 0 or lane.get("type") not in DRIVEN:
@@ -71,7 +91,7 @@ def read_lanes(road: Path) -> list[Lane]:
                 turn = slice(None) if number < 0 else slice(None, None, -1)
                 points = (np.asarray(x) + 1j * np.asarray(y))[turn]
                 along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points)))])
-                out.append(Lane(name, number, lane.get("type"), points, along, 0.5 * width[turn]))
+                out.append(Lane(name, place_of, number, lane.get("type"), points, along, 0.5 * width[turn]))
     return out
 
 
@@ -115,7 +135,7 @@ def place(lanes: Sequence[Lane], tracks: Tracks) -> Placed:
     tree = cKDTree(np.column_stack([points.real, points.imag]))
     shape = tracks.x.shape
     lane = np.full(shape, -1)
-    station, offset = np.full(shape, np.nan), np.full(shape, np.nan)
+    station, offset, heading, wide = (np.full(shape, np.nan) for _ in range(4))
     row, k = np.nonzero(tracks.valid)
     own = tracks.x[row, k] + 1j * tracks.y[row, k]
     _, near = tree.query(np.column_stack([own.real, own.imag]), k=NEIGHBOURS, distance_upper_bound=4.0)
@@ -137,7 +157,9 @@ def place(lanes: Sequence[Lane], tracks: Tracks) -> Placed:
     lane[row[on], k[on]] = owner[chosen][on]
     station[row[on], k[on]] = (np.array(begin)[owner[chosen]] + along[chosen] + away.real[pick])[on]
     offset[row[on], k[on]] = away.imag[pick][on]
-    return Placed(lane, np.where(lane >= 0, np.array(chain)[lane], -1), station, offset)
+    heading[row[on], k[on]] = np.angle(direction[chosen])[on]
+    wide[row[on], k[on]] = half[chosen][on]
+    return Placed(lane, np.where(lane >= 0, np.array(chain)[lane], -1), station, offset, heading, wide)
 
 
 def _directions(points: np.ndarray) -> np.ndarray:
@@ -145,159 +167,68 @@ def _directions(points: np.ndarray) -> np.ndarray:
     return step / np.maximum(np.abs(step), 1e-12)
 
 
-def leaders(placed: Placed, lanes: Sequence[Lane]) -> tuple[np.ndarray, np.ndarray]:
-    """Give of each sample who is ahead in its chain, -1 for nobody, and how far [m], centre to centre."""
-    leader = np.full(placed.lane.shape, -1)
-    distance = np.full(placed.lane.shape, np.inf)
-    for k in range(placed.lane.shape[1]):
-        on = np.flatnonzero(placed.lane[:, k] >= 0)
-        order = on[np.lexsort((placed.station[on, k], placed.chain[on, k]))]
-        for one, two in zip(order[:-1].tolist(), order[1:].tolist(), strict=True):
-            if placed.chain[one, k] == placed.chain[two, k]:
-                leader[one, k], distance[one, k] = two, placed.station[two, k] - placed.station[one, k]
-    return leader, distance
+def seen(lanes: Sequence[Lane], placed: Placed, tracks: Tracks) -> Seen:
+    """Give everybody in lanes; a lane as it goes on is told by its chain."""
+    by_name = {(one.road, one.section, one.number): n for n, one in enumerate(lanes)}
+    sides = []
+    for step in (1, -1):  # towards the road's line is left, whichever way the lane is driven
+        to = [(one.road, one.section, one.number + (step if one.number < 0 else -step)) for one in lanes]
+        sides.append([by_name.get(name, -1) for name in to])
+    nowhere = np.full(tracks.x.shape, np.nan)
+    a = differences(tracks.t, tracks.v, tracks.valid) if tracks.a is None else tracks.a
+    return Seen(
+        tracks.ids.tolist(), tracks.kind.tolist(), tracks.length, tracks.width, tracks.t, tracks.valid, tracks.x,
+        tracks.y, tracks.heading, tracks.v, a, placed.lane, placed.chain, placed.station, placed.offset,
+        aside(placed, tracks), tracks.heading - placed.heading, placed.chain, *sides,
+        [CLASSES[one.kind] for one in lanes], nowhere, np.zeros(tracks.x.shape, bool), np.zeros(tracks.x.shape, bool),
+    )  # fmt: skip
+
+
+def aside(placed: Placed, tracks: Tracks) -> np.ndarray:
+    """Metres (N, T) to the left of where each vehicle's first lane goes on: offsets, and half widths at each border."""
+    out = np.full(placed.offset.shape, np.nan)
+    for row in range(len(out)):
+        k = np.flatnonzero(tracks.valid[row])
+        jump = np.diff(placed.offset[row, k], prepend=placed.offset[row, k[:1]])
+        width = placed.half[row, k] + np.r_[placed.half[row, k[:1]], placed.half[row, k[:-1]]]
+        crossed = np.diff(placed.chain[row, k], prepend=placed.chain[row, k[:1]]) != 0
+        step = np.where(crossed & (np.abs(jump) > CLOSE), -np.sign(jump) * width, 0.0)
+        out[row, k] = placed.offset[row, k] + np.cumsum(np.nan_to_num(step))
+    return out
 
 
 def events(road: Path, tracks: Tracks, truth: pd.DataFrame) -> list[Event]:
     """Give everything that happens in a recording of a motorway, by what its truth says of lane changes."""
     lanes = read_lanes(road)
     placed = place(lanes, tracks)
-    leader, distance = leaders(placed, lanes)
-    out = []
+    one = seen(lanes, placed, tracks)
+    led = leaders(one)
+    out: list[Event] = []
     for row, name in enumerate(tracks.ids.tolist()):
-        steps = np.flatnonzero(tracks.valid[row]).tolist()
         own = truth[truth["object"].astype(str) == name]
-        out += _changes(name, row, steps, own, tracks, placed, (leader, distance))
-        out += _tailgating(name, row, steps, tracks, placed, (leader, distance))
-        out += _ramps(name, row, steps, tracks, placed, lanes)
-        out += _runs(name, "standing", [abs(tracks.v[row, k]) <= 0.1 for k in steps], steps, tracks.t, 1.0)
-        if tracks.a is not None:
-            a = tracks.a[row]
-            out += _runs(name, "strong_braking", [a[k] < -3.5 for k in steps], steps, tracks.t, 0.5, 0.3)
-            out += _runs(name, "strong_acceleration", [a[k] > 2.5 for k in steps], steps, tracks.t, 0.5, 0.3)
+        changes = [*_changes(one, row, own)]
+        out += [(name, change.label, change.start, change.end) for change in changes]
+        for change in changes:
+            out += cuts(one, row, change, led)
+        for rule in (tailgating, critical):
+            out += rule(one, row, led)
+        for rule in (ramps, passes, wrong_way, swerving):
+            out += rule(one, row)
+        out += speeds(one, row, limits=False)
+        out += follow_lane(one, row, changes)
         fast = own[own["label"] == "speeding"]
-        out += _joined(name, "speeding", fast[["start", "end"]].itertuples(index=False, name=None), 1.0)
+        out += joined(name, "speeding", fast[["start", "end"]].itertuples(index=False, name=None), 1.0)
     return out
 
 
-def _changes(
-    name: str, row: int, steps: list[int], own: pd.DataFrame, tracks: Tracks, placed: Placed,
-    led: tuple[np.ndarray, np.ndarray],
-) -> Iterator[Event]:  # fmt: skip
-    """Lane changes, where both of Kaefer's ends are seen, and the cut-ins and cut-outs among them."""
-    t, v, off = tracks.t, tracks.v, np.abs(placed.offset[row])
-    leader, distance = led
-    for one in own[own["label"].str.startswith("lane_change")].itertuples():
-        after = [k for k in steps if t[k] >= one.t - 1e-9]
-        before = [k for k in steps if t[k] < one.t - 1e-9]
-        end = next((k for k in after if off[k] < CLOSE), None)
-        start = next((k for k in reversed(before) if off[k] < CLOSE), None)
-        if end is None or start is None:
-            yield name, "lane_change_not_judged", max(one.start, t[steps[0]]), min(one.end, t[steps[-1]])
-            continue
-        side = one.label.rpartition("_")[2]
-        yield name, one.label, one.start, one.end
-        crossed = after[0]
-        closing = False
-        for k in range(crossed, end + 1):
-            behind = np.flatnonzero(leader[:, k] == row)
-            for n in behind.tolist():
-                closing |= 0.0 < distance[n, k] < TTC * (v[n, k] - v[row, k])
-        if closing:
-            yield name, f"cut_in_{side}", t[start], t[end]
-        closing = False
-        for k in range(start, crossed):
-            n = leader[row, k]
-            closing |= n >= 0 and bool(0.0 < distance[row, k] < TTC * (v[row, k] - v[n, k]))
-        if closing:
-            yield name, f"cut_out_{side}", t[start], t[end]
-
-
-def severity(distance: float, v: float) -> int:
-    """Table 4.3 on the open road: 0 none, 1 minor, 2 moderate, 3 severe; v in m/s."""
-    kmh = 3.6 * v
-    required = 0.5 * kmh
-    if not distance < required:
-        return 0
-    if kmh < 80.0 or distance >= 0.5 * required:
-        return 1
-    return 3 if distance < 0.3 * required and kmh > 100.0 else 2
-
-
-def _tailgating(
-    name: str, row: int, steps: list[int], tracks: Tracks, placed: Placed, led: tuple[np.ndarray, np.ndarray]
-) -> Iterator[Event]:
-    """Table 4.3, with three seconds (one above 160 km/h) to restore the distance to who entered ahead."""
-    names = ("", "tailgating_minor", "tailgating_moderate", "tailgating_severe")
-    t, v, (leader, distance) = tracks.t, tracks.v[row], led
-    last, until, now = -2, -math.inf, (0, -1)
-    begin = 0.0
-    previous = None
-    for k in steps:
-        ahead = int(leader[row, k])
-        if ahead != last and previous is not None:
-            entered = (
-                ahead >= 0
-                and placed.chain[row, previous] == placed.chain[row, k]
-                and tracks.valid[ahead, previous]
-                and placed.chain[ahead, previous] != placed.chain[ahead, k]
-            )
-            until = t[k] + (1.0 if 3.6 * v[k] > 160.0 else 3.0) if entered else -math.inf
-        code = severity(float(distance[row, k]), float(v[k])) if ahead >= 0 else 0
-        if ahead >= 0 and code == 0:
-            until = -math.inf  # restored
-        if t[k] < until - 1e-9:
-            code = 0
-        state = (code, ahead if code else -1)
-        if state != now:
-            if now[0]:
-                yield name, names[now[0]], begin, float(t[previous])
-            begin, now = float(t[k]), state
-        last, previous = ahead, k
-    if now[0]:
-        yield name, names[now[0]], begin, float(t[steps[-1]])
-
-
-def _ramps(
-    name: str, row: int, steps: list[int], tracks: Tracks, placed: Placed, lanes: Sequence[Lane]
-) -> Iterator[Event]:
-    last, begun = "", 0.0
-    for k in steps:
-        if placed.lane[row, k] < 0:
-            continue
-        kind, now = CLASSES[lanes[placed.lane[row, k]].kind], float(tracks.t[k])
-        if kind != last:
-            if (last, kind) == ("on", "main"):
-                yield name, "enter_highway", begun, now
-            if (last, kind) == ("main", "off"):
-                yield name, "exit_highway", now, now
-            last, begun = kind, now
-
-
-def _runs(
-    name: str, label: str, holds: list[bool], steps: list[int], t: np.ndarray, join: float, least: float = 0.0
-) -> Iterator[Event]:
-    spans: list[tuple[float, float]] = []
-    open_at: int | None = None
-    for n, (k, held) in enumerate(zip(steps, holds, strict=True)):
-        if held and open_at is None:
-            open_at = k
-        if open_at is not None and (not held or n == len(steps) - 1):
-            spans.append((float(t[open_at]), float(t[k] if held else t[steps[n - 1]])))
-            open_at = None
-    yield from _joined(name, label, spans, join, least)
-
-
-def _joined(
-    name: str, label: str, spans: Iterable[tuple[float, float]], join: float, least: float = 0.0
-) -> Iterator[Event]:
-    """Spans as events: less than `join` [s] apart they are one, and those shorter than `least` [s] are none."""
-    out: list[list[float]] = []
-    for start, end in sorted(spans):
-        if out and start - out[-1][1] <= join + 1e-9:
-            out[-1][1] = max(out[-1][1], end)
+def _changes(one: Seen, row: int, own: pd.DataFrame) -> Iterator[Change]:
+    """Lane changes of the truth, judged where both of Kaefer's ends are seen."""
+    t, off, steps = one.t, np.abs(one.offset[row]), one.steps(row)
+    for told in own[own["label"].str.startswith("lane_change")].itertuples():
+        after = next((k for k in steps if t[k] >= told.t - 1e-9 and off[k] < CLOSE), None)
+        before = next((k for k in reversed(steps) if t[k] < told.t - 1e-9 and off[k] < CLOSE), None)
+        if after is None or before is None:
+            yield Change(max(told.start, float(t[steps[0]])), told.t, min(told.end, float(t[steps[-1]])))
         else:
-            out.append([start, end])
-    for start, end in out:
-        if end - start >= least - 1e-9:
-            yield name, label, start, end
+            lanes = 1 if told.label.endswith("left") else -1
+            yield Change(told.start, told.t, told.end, before, after, lanes)

@@ -258,8 +258,11 @@ def passes(seen: Seen, row: int) -> Iterator[Event]:
         own = seen.lane[row, last], seen.lane[row, k]
         if min(own) < 0 or v[row, k] < 1.0 or seen.against(row, k) or seen.against(row, last):
             continue
-        for other in range(len(seen.names)):
-            if other == row or not (seen.valid[other, last] and seen.valid[other, k]):
+        near = (np.abs(seen.x[:, k] - seen.x[row, k]) <= NEAR) & (
+            np.abs(seen.y[:, k] - seen.y[row, k]) <= NEAR
+        )
+        for other in np.flatnonzero(near & seen.valid[:, last]).tolist():
+            if other == row:
                 continue
             if seen.kinds[other] == "pedestrian" or not _ahead(seen, row, other, last) > 0.0 >= _ahead(
                 seen, row, other, k

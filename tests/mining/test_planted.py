@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from junction import write_junction
-from mining.planted import Drive, braking, crossed, path_of, smooth, steady, tracks_of, write_motorway
+from mining.planted import (
+    Drive,
+    braking,
+    crossed,
+    path_of,
+    smooth,
+    steady,
+    tracks_of,
+    write_motorway,
+    write_straight,
+)
 
 from resim.core.tracks import Tracks
 from resim.mining.features import Features, features
@@ -317,3 +328,25 @@ def test_overtaking_over_the_oncoming_lane_is_two_lane_changes_and_no_ghost_driv
     )
     found, maneuvers = mined(tracks_of(path, [over]), network)
     assert told(found, maneuvers, "speeding") == [("over", "lane_change_left"), ("over", "lane_change_right")]
+
+
+def test_who_stops_amid_a_lane_change_and_goes_on_changes_lane(tmp_path: Path) -> None:
+    """As at the end of an entry lane: at walking speed, so steeply as who turns off, and standing on the border."""
+    network = load(write_straight(tmp_path / "straight.xodr"))
+
+    def way(t: np.ndarray) -> np.ndarray:
+        return 50.0 + 2.0 * (np.minimum(t, 8.3) + np.maximum(t - 14.3, 0.0))
+
+    def aside(t: np.ndarray) -> np.ndarray:
+        return smooth(way(t), 60.0, 12.0, 3.5)
+
+    path = path_of(network, "1", -2, 5.0, 200.0)
+    tracks = tracks_of(path, [Drive("a", way, aside, end=30.0)])
+    stands = (tracks.t > 8.2) & (tracks.t < 14.4)
+    tracks.heading[0, stands] = tracks.heading[0, np.argmax(stands) - 1]  # who stands is headed as it was
+    found = features(tracks, network)
+    told = [one for one in find_maneuvers(found) if one.label.startswith("lane_change")]
+    assert [one.label for one in told] == ["lane_change_left"]
+    cut = replace(tracks, valid=tracks.valid & (tracks.t < 14.5))
+    told = [one for one in find_maneuvers(features(cut, network)) if one.label.startswith("lane_change")]
+    assert [one.label for one in told] == ["lane_change_not_judged"]

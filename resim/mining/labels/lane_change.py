@@ -5,8 +5,8 @@ the crossing count, and lanes there must differ, where a lane that goes on (over
 or a merge) is one lane; where the track begins or ends before, or every border is crossed to the side away from the new
 lane, as by a track that jumps, nothing is judged, which is a label of its own. The span
 goes out to the first sample whose speed in the change's own direction is below the threshold, that is |v_across| with
-reversals seen as well. Who is headed away from the lane by more than `TURNED_OFF` when crossing, and at an end of the
-span, turns off. Doubles, in which that speed never falls below it, are one label, whatever the middle lane.
+reversals seen as well. Who is headed away from the lane by more than `TURNED_OFF` when crossing, and where the motion
+across begins or has ended, turns off; who stops on the way is across its lanes there, and has not ended it. Doubles, in which that speed never falls below it, are one label, whatever the middle lane.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class LaneChangeLabel(LabelledManeuver):
 
 @dataclass(frozen=True)
 class _Crossing:
-    """A border crossed: the first sample beyond, lanes passed to the left, the span, and Kaefer's samples."""
+    """A border crossed: the first sample beyond, lanes passed to the left, the span, and Kaefer's samples.
+
+    first, last: where the motion across Kaefer's samples begins and ends; None where the track does not show it.
+    """
 
     at: int
     side: int
@@ -51,6 +54,8 @@ class _Crossing:
     end: int
     before: int | None
     after: int | None
+    first: int | None
+    last: int | None
 
 
 def find(
@@ -98,9 +103,12 @@ def _bounds(features: Features, k: int) -> tuple[int, int]:
 
 def _crossing(features: Features, settings: MiningSettings, k: int, low: int, high: int) -> _Crossing:
     rules, side = settings.lane_change, int(np.sign(features.passed[k]))
-    start, end = change_span(features.v_across[low:high], k - low, side, rules.lateral_speed)
+    across = features.v_across[low:high]
+    start, end = change_span(across, k - low, side, rules.lateral_speed)
     before, after = closest_to_centres(features.offset[low:high], k - low, k - low, rules.close)
-    shifted = (None if a is None else low + a for a in (before, after))
+    first = None if before is None else change_span(across, min(before, start), side, rules.lateral_speed)[0]
+    last = None if after is None else change_span(across, max(after, end), side, rules.lateral_speed)[1]
+    shifted = (None if a is None else low + a for a in (before, after, first, last))
     return _Crossing(k, side, low + start, low + end, *shifted)
 
 
@@ -131,8 +139,8 @@ def _turns_off(features: Features, crossing: _Crossing) -> bool:
 
     Who changes lane at walking speed crosses as steeply, but goes along with its lanes before and after.
     """
-    at, start, end = crossing.at, crossing.start, crossing.end
-    return _headed_away(features, at) and (_headed_away(features, start) or _headed_away(features, end))
+    ends = [k for k in (crossing.first, crossing.last) if k is not None]
+    return _headed_away(features, crossing.at) and any(_headed_away(features, k) for k in ends)
 
 
 def _headed_away(features: Features, k: int) -> bool:
