@@ -3,10 +3,11 @@
 Kaefer 2022, 4.5.6.2; Wagner 2021, 6.2.1.1. Readings taken: strictly below 1 m is close; the nearest such samples around
 the crossing count, and lanes there must differ, where a lane that goes on (over sections, through junctions, by a fork
 or a merge) is one lane; where the track begins or ends before, or every border is crossed to the side away from the new
-lane, as by a track that jumps, nothing is judged, which is a label of its own. The span
-goes out to the first sample whose speed in the change's own direction is below the threshold, that is |v_across| with
-reversals seen as well. Who is headed away from the lane by more than `TURNED_OFF` when crossing, and where the motion
-across begins or has ended, turns off; who stops on the way is across its lanes there, and has not ended it. Doubles, in which that speed never falls below it, are one label, whatever the middle lane.
+lane, as by a track that jumps, nothing is judged, which is a label of its own. The span goes out to the first sample
+whose speed in the change's own direction is below the threshold, that is |v_across| with reversals seen as well. Who is
+headed away from the lane by more than `TURNED_OFF` when crossing, and where the motion across begins or has ended,
+turns off; who stops on the way is across its lanes there, and has not ended it. Doubles, in which that speed never
+falls below it, are one label, whatever the middle lane.
 """
 
 from __future__ import annotations
