@@ -23,9 +23,11 @@ from mining_signs import (
     Signs,
     beyond,
     crossed_ends,
+    joined_ends,
     lane_counts,
     roads,
     sections,
+    short_neighbours,
     signs_of,
     torn,
 )
@@ -156,7 +158,9 @@ def pieces(network: RoadNetwork) -> list[_Piece]:
     """Give the pieces of all roads outside of junctions whose driven lanes have one width each."""
     out: list[_Piece] = []
     for element in etree.parse(str(network.path)).getroot().iterfind("road"):
-        if element.get("junction") not in (None, "-1") or element.get("rule") == "LHT" or torn(element):
+        if element.get("junction") not in (None, "-1") or element.get("rule") == "LHT":
+            continue
+        if torn(element) or short_neighbours(element):
             continue
         own: list[_Piece] = []
         for first, last, section in sections(element):
@@ -227,14 +231,26 @@ def strip(network: RoadNetwork, piece: _Piece, own: int, start: float, length: f
     element = roads(network)[piece.road]
     first, last = sorted((begin, begin + length if own < 0 else begin - length))
     edges = beyond(element, first, last, outer)
-    ends = crossed_ends(element, crossing_junctions(network))
-    behind, ahead = begin, float(element.get("length")) - begin
+    crossed, joined = crossed_ends(element, crossing_junctions(network)), joined_ends(element, own)
+    ends = crossed[0] and joined[0], crossed[1] and joined[1]
+    behind, ahead = (
+        _metres(network, piece.road, own, begin, to) for to in (0.0, float(element.get("length")))
+    )
     if own > 0:
         edges, ends, behind, ahead = edges[::-1], ends[::-1], ahead, behind
     crossings = [(-np.inf, -behind)] * ends[0] + [(ahead, np.inf)] * ends[1]
     return Ground(
         network, path, length, lanes, at, ((np.inf, piece.kind),), edges=edges, crossings=tuple(crossings)
     )
+
+
+def _metres(network: RoadNetwork, road: str, lane: int, begin: float, end: float) -> float:
+    """Give metres from s = begin to end [m] of a road, as far aside of its line as a lane is at begin."""
+    s = np.linspace(begin, end, max(int(abs(end - begin) / STEP), 1) + 1)
+    x, y, heading = network.reference_line(np.full(len(s), road), s)
+    own = np.array(network.to_xy(road, lane, begin, 0.0))
+    t = (own[1] - y[0]) * np.cos(heading[0]) - (own[0] - x[0]) * np.sin(heading[0])
+    return float(np.hypot(np.diff(x - t * np.sin(heading)), np.diff(y + t * np.cos(heading))).sum())
 
 
 def changing(network: RoadNetwork) -> Iterator[Ground]:
@@ -347,13 +363,18 @@ def turned(network: RoadNetwork, road: str, lane: int) -> float:
 
 @cache
 def crossing_junctions(network: RoadNetwork) -> set[str]:
-    """Give the junctions of which a lane turns as at a crossing."""
+    """Give the junctions of which a road turns as at a crossing."""
     out = set()
     for name, road in network.roads.items():
         numbers = [n for n, lane in road.sections[0].lanes.items() if n and lane.type in DRIVEN]
-        if road.junction is None or len(road.sections) > 1 or not numbers or road.length < 0.1:
+        if road.junction is None or not numbers or road.length < 0.1:
             continue
-        turn = max(abs(turned(network, name, number)) for number in numbers)
+        if len(road.sections) > 1:
+            s = np.linspace(1e-6, road.length - 1e-6, 200)
+            heading = np.unwrap(network.reference_line(np.full(200, name), s)[2])
+            turn = abs(float(heading[-1] - heading[0]))
+        else:
+            turn = max(abs(turned(network, name, number)) for number in numbers)
         if turn > BENDS and road.length <= TIGHT * turn:
             out.add(road.junction)
     return out

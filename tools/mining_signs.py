@@ -19,6 +19,8 @@ TORN = 0.5
 """m between the end of one part of a road's line and the begin of the next, from which on it is torn."""
 NEAR = 50.0
 """m before a junction in which lights and stop signs are those of its approach (scenarios/mining/labels.toml)."""
+SHORT = 20.0
+"""m from a crossing in which somebody backs up at it (scenarios/mining/labels.toml)."""
 LIGHTS = ("1000001", "1000009", "1000010", "1000011")
 STOP = "206"
 RULING = (*LIGHTS, STOP, "205", "301", "306")
@@ -90,6 +92,31 @@ def lane_counts(element: etree._Element, right: bool) -> list[tuple[float, int]]
         lanes = [(int(one.get("id")), one.get("type")) for one in section.iterfind(".//lane")]
         counts.append((begin, sum(kind in DRIVEN and n != 0 and (n < 0) == right for n, kind in lanes)))
     return [(s, after - before) for (_, before), (s, after) in pairwise(counts) if after != before]
+
+
+def short_neighbours(element: etree._Element) -> bool:
+    """Say whether a road goes on into another one that is shorter than SHORT: what is near may lie behind that."""
+    every = {one.get("id"): one for one in element.getparent().iterfind("road")}
+    links = (element.find(f"link/{tag}") for tag in ("predecessor", "successor"))
+    names = [one.get("elementId") for one in links if one is not None and one.get("elementType") == "road"]
+    return any(float(every[name].get("length")) < SHORT for name in names if name in every)
+
+
+def joined_ends(element: etree._Element, lane: int) -> tuple[bool, bool]:
+    """Say whether ways of junctions at a road's begin and end lead from this lane, or to it."""
+    out = [False, False]
+    for road in element.getparent().iterfind("road"):
+        for tag in ("predecessor", "successor"):
+            link = road.find(f"link/{tag}")
+            if (
+                road.get("junction") in (None, "-1")
+                or link is None
+                or link.get("elementId") != element.get("id")
+            ):
+                continue
+            ids = {one.get("id") for one in road.iterfind(f".//lane/link/{tag}")}
+            out[link.get("contactPoint") == "end"] |= str(lane) in ids
+    return out[0], out[1]
 
 
 def crossed_ends(element: etree._Element, counts: set[str]) -> tuple[bool, bool]:
