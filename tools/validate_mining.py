@@ -87,7 +87,8 @@ def compare(
         count.truth += len(sides[0][who, label])
         count.found += len(left)
         for start, end in sorted(sides[0][who, label]):
-            hit = next((one for one in left if one[0] <= end + shared and start <= one[1] + shared), None)
+            near = (one for one in left if one[0] <= end + shared and start <= one[1] + shared)
+            hit = min(near, key=lambda one: one[1], default=None)  # a longer one may be of a later event
             if hit is None:
                 count.misses.append(f"{name}: {who} {start:.2f} to {end:.2f} s")
             else:
