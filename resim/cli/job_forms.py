@@ -28,21 +28,22 @@ from resim.supervisor.forms import FieldKind, FormField, JobForm
 
 @dataclass(frozen=True)
 class _Offered:
-    """A command that is offered, what its results are called, and what a further attempt has besides."""
+    """A command that is offered, what its results are called, what a further attempt has besides, if it goes on."""
 
     words: tuple[str, ...]
     job: Callable[..., None]
     result: str = "result"
     again: tuple[str, ...] = ()
+    kept: bool = False
 
 
 OFFERED: Mapping[str, _Offered] = {
     "run": _Offered(("run",), run),
-    "verify": _Offered(("verify",), verify),
-    "sweep": _Offered(("sweep", "run"), sweep, again=("--resume",)),
+    "verify": _Offered(("verify",), verify, kept=True),
+    "sweep": _Offered(("sweep", "run"), sweep, again=("--resume",), kept=True),
     "assess": _Offered(("assess", "drive"), assess),
     "check": _Offered(("check",), check, result=""),
-    "mine": _Offered(("mine",), mine),
+    "mine": _Offered(("mine",), mine, kept=True),
     "vary": _Offered(("vary", "drive"), vary),
     "space": _Offered(("space", "build"), build),
     "space-grow": _Offered(("space", "grow"), grow),
@@ -82,7 +83,7 @@ def _form(name: str, offered: _Offered) -> JobForm:
     fields = [field for p in parameters if (field := _field(name, p)) is not None]
     out = "--out" if offered.result else ""
     told = (inspect.getdoc(offered.job) or "").split("\n\n")[0].replace("\n", " ")
-    return JobForm(name, offered.words, told, tuple(fields), out, offered.result, offered.again)
+    return JobForm(name, offered.words, told, tuple(fields), out, offered.result, offered.again, offered.kept)
 
 
 def _field(job: str, parameter: inspect.Parameter) -> FormField | None:

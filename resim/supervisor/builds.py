@@ -36,12 +36,17 @@ class BuildPair:
 
     @property
     def change(self) -> str:
-        """How the second is against the first: worse, better, same, or not known where one of them is not judged."""
+        """How the second is against the first: worse, better, same, changed, or not known where one is not judged.
+
+        Changed: another verdict that is neither worse nor better, or the same one for another reason, by what is said
+        before its details.
+        """
         if self.one is None or self.other is None or not (self.one.verdict and self.other.verdict):
             return "not known"
         first, second = WORST.index(tone(self.one.verdict)), WORST.index(tone(self.other.verdict))
         if first == second:
-            return "same" if self.one.verdict == self.other.verdict else "changed"
+            reasons = [(o.verdict, o.cause.partition(":")[0]) for o in (self.one, self.other)]
+            return "same" if reasons[0] == reasons[1] else "changed"
         return "worse" if second < first else "better"
 
 

@@ -50,7 +50,7 @@ class JobForm:
 
     name: in addresses. words: of the command. help: what it does. fields: its parameters. out: option of the folder or
     file for its results, "" for none, and result: what that is called in the folder of its task. again: words that a
-    further attempt has besides.
+    further attempt has besides. kept: whether a further attempt goes on where the one before was stopped.
     """
 
     name: str
@@ -60,6 +60,7 @@ class JobForm:
     out: str = ""
     result: str = ""
     again: tuple[str, ...] = ()
+    kept: bool = False
 
 
 def command_line(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,6 +18,7 @@ from resim.results.catalog import Catalog
 from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
 from resim.results.queue import TaskQueue, new_id
 from resim.supervisor.processes import is_alive, read_whole
+from resim.supervisor.runner import LIVE
 
 ROOT = Path(__file__).parents[2]
 COLORS_OF_CANVAS = """() => {
@@ -149,8 +151,9 @@ def test_a_task_is_cancelled_by_one_and_seen_by_another(
 def test_a_simulation_is_seen_as_it_runs(opened: Callable[..., Any], served: Callable[..., Any]) -> None:
     _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
     page = opened(address, token, viewport={"width": 1280, "height": 900})
-    page.goto(f"{address}/live")
-    assert "Nothing runs" in page.inner_text("main")
+    other = page.context.new_page()
+    other.goto(f"{address}/live")
+    assert "Nothing runs" in other.inner_text("main")
     wait_for_scan(page, address)
     page.goto(f"{address}/jobs/verify")
     page.select_option("#f-suite", label="highway – scenarios/suites")
@@ -163,8 +166,36 @@ def test_a_simulation_is_seen_as_it_runs(opened: Callable[..., Any], served: Cal
     moved = page.inner_text("#live-state")
     page.wait_for_function("then => document.getElementById('live-state').innerText !== then", arg=moved)
     page.click("#farther")
+    other.bring_to_front()
+    other.locator(
+        "#live-state", has_text="highway_pilot-1.0, seed 0 · EGO"
+    ).wait_for()  # it began to watch by itself
     page.locator("main button:has-text('Cancel')").click()
     page.locator(".badge", has_text="cancelled").first.wait_for()
+    other.locator(".badge", has_text="cancelled").wait_for()
+    other.locator("p:text-is('Nothing runs, nothing waits.')").wait_for()
+    assert other.locator("h2", has_text="Running and waiting").count() == 1
+
+
+def test_words_tell_the_last_state_of_a_simulation(
+    opened: Callable[..., Any], served: Callable[..., Any], catalog: str, tmp_path: Path
+) -> None:
+    queue = TaskQueue(Catalog(catalog), "another machine")  # where nobody does it
+    name, folder = new_id(), tmp_path / "tasks" / "watched"
+    folder.mkdir(parents=True)
+    queue.add(name, "run", ("run",), str(folder))
+    _, address, token = served(ROOT / "scenarios")
+    page = opened(address, token)
+    page.goto(f"{address}/live?task={name}")
+    for k in range(5):
+        boxes = [["ego", "car", k, 0.0, 0.0, 20.0 + k, 4.5, 1.8]]
+        state = {"t": k, "end": 9.0, "build": "pilot", "seed": 0, "map": "", "boxes": boxes}
+        (folder / "new.json").write_text(json.dumps(state))
+        (folder / "new.json").replace(folder / LIVE)
+        page.wait_for_timeout(60)
+    page.locator("#live-state", has_text="4.00 of 9.00 s · pilot, seed 0 · EGO 24.0 m/s").wait_for(
+        timeout=5000
+    )
 
 
 EVIL = """<!DOCTYPE html><title>waiting</title><script>(async () => {

@@ -189,6 +189,37 @@ def test_two_builds_stand_side_by_side_the_worst_first(user: Any, known: Catalog
     assert "1 results" in page or "<dd>1</dd>" in page
 
 
+def test_what_goes_on_after_a_pause_is_said(supervisor: Any, user: Any) -> None:
+    for job in ("verify", "run"):
+        name = new_id()
+        supervisor.queue.add(name, job, (job,), "/tasks/1")
+        assert supervisor.queue.claim("me").id == name
+        supervisor.queue.pause(name)
+        assert supervisor.queue.put_aside(supervisor.queue.get(name))
+    text = user.get("/tasks").text
+    told = re.findall(r"<a [^>]*>(\w+) <code>[^§]*?class=\"note\">(.*?)</span>", text)
+    assert sorted(told) == [("run", "it begins anew"), ("verify", "what it finished is kept")]
+
+
+def test_a_verdict_for_another_reason_is_not_the_same(user: Any, known: Catalog) -> None:
+    causes = {
+        "pilot-1.0": ("distance", "sensor: 1 m"),
+        "pilot-1.1": ("no collision, distance", "sensor: 2 m"),
+    }
+    for k, (label, (cause, detailed)) in enumerate(causes.items()):
+        outcomes = (
+            CatalogOutcome("a", label, "rGT", "FAIL", cause),
+            CatalogOutcome("b", label, "rGT", "FAIL", detailed),
+        )
+        drives = [CatalogInput("recording", name, "", f"{name:0>64}") for name in "ab"]
+        inputs = (*drives, CatalogInput("build", label, "", f"{k}{k}" * 32))
+        known.add(entry(label, k + 1, verdict="FAIL", counts={"FAIL": 2}, inputs=inputs, outcomes=outcomes))
+    ids = re.findall(r'name="one" value="(\w+)"', user.get("/builds").text)
+    text = user.get("/builds/compare", params={"one": ids[0], "other": ids[1]}).text
+    rows = re.findall(r"<tr><th>(\w)</th>.*?>([\w ]+)</span></td></tr>", text, re.DOTALL)
+    assert rows == [("a", "changed"), ("b", "same")]
+
+
 def test_names_of_others_are_never_markup(supervisor: Any, user: Any, known: Catalog) -> None:
     label, one = f"pilot{EVIL}", entry(EVIL)
     hostile = entry(

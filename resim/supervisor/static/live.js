@@ -3,7 +3,7 @@
 (() => {
   const figure = document.getElementById("live"), canvas = figure.querySelector("canvas"), pen = canvas.getContext("2d");
   const words = document.getElementById("live-state"), task = figure.dataset.task, tone = name => getComputedStyle(figure).getPropertyValue(name).trim();
-  let state = null, roads = null, fetching = false, scale = 4, due = false, source = null, heard = 0; // px a metre
+  let state = null, roads = null, fetching = false, scale = 4, due = false, source = null, telling = false; // px a metre
 
   async function fetchRoads() { // again where the EGO is half out of what is known
     const [, , x, y] = state.boxes[0];
@@ -60,10 +60,13 @@
   const redraw = () => { if (!due) { due = true; requestAnimationFrame(draw); } };
   const zoom = by => { scale = Math.min(40, Math.max(0.5, scale * by)); redraw(); };
 
-  function tell() { // in words twice a second: nobody reads faster
-    if (performance.now() < heard + 500) return;
-    heard = performance.now();
-    words.textContent = `${state.t.toFixed(2)} of ${state.end.toFixed(2)} s · ${state.build}, seed ${state.seed} · EGO ${state.boxes[0][5].toFixed(1)} m/s · ${state.boxes.length - 1} ${state.boxes.length === 2 ? "object" : "objects"}`;
+  const told = () => `${state.t.toFixed(2)} of ${state.end.toFixed(2)} s · ${state.build}, seed ${state.seed} · EGO ${state.boxes[0][5].toFixed(1)} m/s · ${state.boxes.length - 1} ${state.boxes.length === 2 ? "object" : "objects"}`;
+
+  function tell() { // in words twice a second, as nobody reads faster; the last state, too
+    if (telling) return;
+    telling = true;
+    words.textContent = told();
+    setTimeout(() => { telling = false; words.textContent = told(); }, 500);
   }
 
   function listen() {
@@ -79,5 +82,6 @@
   window.addEventListener("resize", redraw);
   document.getElementById("nearer").addEventListener("click", () => zoom(1.4));
   document.getElementById("farther").addEventListener("click", () => zoom(1 / 1.4));
+  history.replaceState(null, "", `/live?task=${task}`); // it stays this one when it ends, reloaded or not
   listen();
 })();

@@ -31,6 +31,7 @@
       if (answer.status === 401) return location.reload();
       if (!answer.ok) return;
       const fresh = new DOMParser().parseFromString(await answer.text(), "text/html").querySelectorAll("[data-live]");
+      if (fresh.length !== regions.length) return isBusy(document.body) || location.reload(); // another page by now
       regions.forEach((region, k) => { if (fresh[k] && !isBusy(region)) keepPlace(region, fresh[k]); });
     } catch { /* the stream says that the server is away */ } finally { waiting = false; }
   }

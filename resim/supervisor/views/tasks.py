@@ -31,6 +31,7 @@ def tasks(supervisor: Supervisor, request: Request) -> Told:
     count = sum(n for state, n in counts.items() if state in ENDED)
     return "tasks.html", {
         **unfinished_by_state(supervisor), "ended": ended, "paging": paging(request, first, len(ended), count),
+        "kept": [form.name for form in supervisor.settings.forms if form.kept],
     }  # fmt: skip
 
 
