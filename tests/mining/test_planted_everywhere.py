@@ -12,7 +12,8 @@ import pytest
 from resim.mining.maneuver import label_names
 
 ROOT = Path(__file__).parents[2]
-MAPS = ("motorway", "urban", "proving_ground", "ramps_0", "u_turn_0", "lights_0", "stops_0")
+MAPS = ("motorway", "urban", "ramps_0", "lights_0")
+MORE = ("proving_ground", "u_turn_0", "stops_0")
 A_SAMPLE = 0.041
 """s that starts and ends of labels may be off."""
 
@@ -22,7 +23,7 @@ def tools(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
 
 
-@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize("name", [*MAPS, *(pytest.param(name, marks=pytest.mark.slow) for name in MORE)])
 def test_what_is_planted_is_found_and_nothing_else(tools: None, name: str, tmp_path: Path) -> None:
     from mining_maps import maps
     from validate_planted import KINDS, plant_all

@@ -287,6 +287,7 @@ def swept(
     return read_swept(folder / "out")
 
 
+@pytest.mark.slow
 def test_a_sweep_has_the_same_bytes_whatever_its_batches(
     call: Call, tmp_path: Path, set_constant: Callable[..., None]
 ) -> None:
