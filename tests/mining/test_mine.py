@@ -337,6 +337,7 @@ def bytes_of(out: Path) -> dict[str, bytes]:
     return {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
 
 
+@pytest.mark.slow
 def test_any_number_of_workers_and_a_killed_call_give_the_same_bytes(
     tmp_path: Path, crowd: list[Path]
 ) -> None:
