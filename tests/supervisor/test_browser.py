@@ -148,6 +148,7 @@ def test_a_task_is_cancelled_by_one_and_seen_by_another(
     waited(lambda: not is_alive(begun[0]["process"]))
 
 
+@pytest.mark.slow
 def test_a_simulation_is_seen_as_it_runs(opened: Callable[..., Any], served: Callable[..., Any]) -> None:
     _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
     page = opened(address, token, viewport={"width": 1280, "height": 900})
@@ -158,6 +159,9 @@ def test_a_simulation_is_seen_as_it_runs(opened: Callable[..., Any], served: Cal
     page.goto(f"{address}/jobs/verify")
     page.select_option("#f-suite", label="highway – scenarios/suites")
     page.select_option("#f-build", label="highway_pilot-1.0 – adfunc/builds")
+    page.select_option(
+        "#f-perception", label="proving_ground – adfunc/perception"
+    )  # with up to 200 seeds: it lasts longer than all looks at it
     page.click("text=Start >> nth=-1")
     page.click("a:text-is('Watch it')")
     page.wait_for_url("**/live?task=*")
