@@ -157,10 +157,10 @@ class _Piece:
 def pieces(network: RoadNetwork) -> list[_Piece]:
     """Give the pieces of all roads outside of junctions whose driven lanes have one width each."""
     out: list[_Piece] = []
-    for element in etree.parse(str(network.path)).getroot().iterfind("road"):
+    for element in roads(network).values():
         if element.get("junction") not in (None, "-1") or element.get("rule") == "LHT":
             continue
-        if torn(element) or short_neighbours(element):
+        if torn(element) or short_neighbours(network, element):
             continue
         own: list[_Piece] = []
         for first, last, section in sections(element):
@@ -231,7 +231,7 @@ def strip(network: RoadNetwork, piece: _Piece, own: int, start: float, length: f
     element = roads(network)[piece.road]
     first, last = sorted((begin, begin + length if own < 0 else begin - length))
     edges = beyond(element, first, last, outer)
-    crossed, joined = crossed_ends(element, crossing_junctions(network)), joined_ends(element, own)
+    crossed, joined = crossed_ends(element, crossing_junctions(network)), joined_ends(network, element, own)
     ends = crossed[0] and joined[0], crossed[1] and joined[1]
     behind, ahead = (
         _metres(network, piece.road, own, begin, to) for to in (0.0, float(element.get("length")))
@@ -329,14 +329,14 @@ class Way(NamedTuple):
 
 def ways(network: RoadNetwork) -> Iterator[Way]:
     """Give the ways through junctions, over right lanes of connecting roads."""
-    root = etree.parse(str(network.path)).getroot()
-    outside = {r.get("id") for r in root.iterfind("road") if r.get("junction") in (None, "-1")}
-    for element in root.iterfind("road"):
+    every = roads(network)
+    outside = {name for name, road in every.items() if road.get("junction") in (None, "-1")}
+    for element in every.values():
         before, after = (element.find(f"link/{tag}") for tag in ("predecessor", "successor"))
         if element.get("junction") in (None, "-1") or before is None or after is None:
             continue
         names = before.get("elementId"), after.get("elementId")
-        passed = [one for one in root.iterfind("road") if one.get("id") in (*names, element.get("id"))]
+        passed = [every[name] for name in (*names, element.get("id")) if name in every]
         if (
             not set(names) <= outside
             or any(torn(one) for one in passed)

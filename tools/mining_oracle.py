@@ -16,24 +16,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from lxml import etree
-from mining_rules import (
-    CLOSE,
-    Change,
-    Event,
-    Seen,
-    critical,
-    cuts,
-    differences,
-    follow_lane,
-    joined,
-    leaders,
-    passes,
-    ramps,
-    speeds,
-    swerving,
-    tailgating,
-    wrong_way,
-)
+from mining_ground import CLASSES
+from mining_rules import CLOSE, Change, Event, Seen, differences, driving, joined, leaders
+from mining_signs import DRIVEN
 from scipy.spatial import cKDTree
 
 from resim.core.tracks import Tracks
@@ -41,8 +26,6 @@ from resim.road.opendrive import load
 
 STEP, LINKED, NEIGHBOURS = 0.5, 0.3, 16
 """m between the points of a lane, m between the end of one and the start of the next, points looked at."""
-DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
-CLASSES = {"entry": "on", "onRamp": "on", "exit": "off", "offRamp": "off", "driving": "main"}
 
 
 class Lane(NamedTuple):
@@ -174,13 +157,13 @@ def seen(lanes: Sequence[Lane], placed: Placed, tracks: Tracks) -> Seen:
     for step in (1, -1):  # towards the road's line is left, whichever way the lane is driven
         to = [(one.road, one.section, one.number + (step if one.number < 0 else -step)) for one in lanes]
         sides.append([by_name.get(name, -1) for name in to])
-    nowhere = np.full(tracks.x.shape, np.nan)
+    nowhere, never = np.full(tracks.x.shape, np.nan), np.zeros(tracks.x.shape, dtype=bool)
     a = differences(tracks.t, tracks.v, tracks.valid) if tracks.a is None else tracks.a
     return Seen(
         tracks.ids.tolist(), tracks.kind.tolist(), tracks.length, tracks.width, tracks.t, tracks.valid, tracks.x,
         tracks.y, tracks.heading, tracks.v, a, placed.lane, placed.chain, placed.station, placed.offset,
         aside(placed, tracks), tracks.heading - placed.heading, placed.chain, *sides,
-        [CLASSES[one.kind] for one in lanes], nowhere, np.zeros(tracks.x.shape, bool), np.zeros(tracks.x.shape, bool),
+        [CLASSES.get(one.kind, "main") for one in lanes], nowhere, never, never,
     )  # fmt: skip
 
 
@@ -206,16 +189,7 @@ def events(road: Path, tracks: Tracks, truth: pd.DataFrame) -> list[Event]:
     out: list[Event] = []
     for row, name in enumerate(tracks.ids.tolist()):
         own = truth[truth["object"].astype(str) == name]
-        changes = [*_changes(one, row, own)]
-        out += [(name, change.label, change.start, change.end) for change in changes]
-        for change in changes:
-            out += cuts(one, row, change, led)
-        for rule in (tailgating, critical):
-            out += rule(one, row, led)
-        for rule in (ramps, passes, wrong_way, swerving):
-            out += rule(one, row)
-        out += speeds(one, row, limits=False)
-        out += follow_lane(one, row, changes)
+        out += driving(one, row, [*_changes(one, row, own)], led, limits=False)
         fast = own[own["label"] == "speeding"]
         out += joined(name, "speeding", fast[["start", "end"]].itertuples(index=False, name=None), 1.0)
     return out

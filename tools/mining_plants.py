@@ -16,19 +16,11 @@ from mining_rules import (
     Event,
     Seen,
     collisions,
-    critical,
-    cuts,
     differences,
-    follow_lane,
+    driving,
     lane_changes,
     leaders,
     on_foot,
-    passes,
-    ramps,
-    speeds,
-    swerving,
-    tailgating,
-    wrong_way,
 )
 from scipy.spatial import cKDTree
 
@@ -195,19 +187,12 @@ def truth(ground: Ground, one: Seen) -> list[Event]:
     led = leaders(one)
     across = differences(one.t, one.aside, one.valid)
     out = [*collisions(one), *catalog_rules.skidding(one)]
-    for row, name in enumerate(one.names):
+    for row in range(len(one.names)):
         out += [*on_foot(one, row), *catalog_rules.on_foot(one, row)]
         if not one.motor(row) or not one.valid[row].any():
             continue
-        changes = lane_changes(one, row, across[row])
-        out += [(name, change.label, change.start, change.end) for change in changes]
-        for change in changes:
-            out += cuts(one, row, change, led)
-        for rule in (tailgating, critical):
-            out += rule(one, row, led)
-        for rule in (ramps, passes, wrong_way, swerving, speeds, catalog_rules.crowd, catalog_rules.starting):
-            out += rule(one, row)
-        out += follow_lane(one, row, changes)
+        out += driving(one, row, lane_changes(one, row, across[row]), led)
+        out += [*catalog_rules.crowd(one, row), *catalog_rules.starting(one, row)]
         out += [*turns(ground, one, row), *_by_map(ground, one, row)]
     return [
         *out,
@@ -277,7 +262,11 @@ def two_ways(plant: Plant) -> tuple[Tracks, list[Event], set[str]]:
                 (name, "protected_way", a, b) for name, _, a, b in ways
                 if catalog_rules.held_back(both, 1 - own, through[1 - own], (a, b))
             ]  # fmt: skip
-    return _together(*(tracks for _, tracks, _, _ in parts)), out, {*ON_TWO_WAYS, *CRASHES, "protected_way"}
+    return (
+        Tracks.concatenate([tracks for _, tracks, _, _ in parts]),
+        out,
+        {*ON_TWO_WAYS, *CRASHES, "protected_way"},
+    )
 
 
 CRASHES = (
@@ -294,12 +283,6 @@ def _joined(one: Seen, two: Seen) -> Seen:
         if part.name != "t" and isinstance(getattr(one, part.name), np.ndarray)
     }
     return replace(one, names=[*one.names, *two.names], kinds=[*one.kinds, *two.kinds], **own)
-
-
-def _together(one: Tracks, two: Tracks) -> Tracks:
-    names = ("ids", "kind", "x", "y", "heading", "v", "length", "width", "valid")
-    joined = {name: np.concatenate([getattr(one, name), getattr(two, name)]) for name in names}
-    return Tracks(t=one.t, **joined)
 
 
 def turns(ground: Ground, one: Seen, row: int) -> list[Event]:

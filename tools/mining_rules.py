@@ -115,6 +115,26 @@ def leaders(seen: Seen) -> tuple[np.ndarray, np.ndarray]:
     return leader, distance
 
 
+def driving(
+    seen: Seen,
+    row: int,
+    changes: Sequence[Change],
+    led: tuple[np.ndarray, np.ndarray],
+    *,
+    limits: bool = True,
+) -> Iterator[Event]:
+    """Give what a vehicle does that changes lanes so, by `leaders`; limits: whether the limits of the map are known."""
+    for change in changes:
+        yield seen.names[row], change.label, change.start, change.end
+        yield from cuts(seen, row, change, led)
+    for rule in (tailgating, critical):
+        yield from rule(seen, row, led)
+    for rule in (ramps, passes, wrong_way, swerving):
+        yield from rule(seen, row)
+    yield from speeds(seen, row, limits)
+    yield from follow_lane(seen, row, changes)
+
+
 def lane_changes(seen: Seen, row: int, across: np.ndarray) -> list[Change]:
     """Give the lane changes of one object, from its lanes, offsets and speed across (K,) [m/s] alone."""
     steps, side, off = seen.steps(row), seen.side[row], np.abs(seen.offset[row])

@@ -94,18 +94,18 @@ def lane_counts(element: etree._Element, right: bool) -> list[tuple[float, int]]
     return [(s, after - before) for (_, before), (s, after) in pairwise(counts) if after != before]
 
 
-def short_neighbours(element: etree._Element) -> bool:
+def short_neighbours(network: RoadNetwork, element: etree._Element) -> bool:
     """Say whether a road goes on into another one that is shorter than SHORT: what is near may lie behind that."""
-    every = {one.get("id"): one for one in element.getparent().iterfind("road")}
+    every = roads(network)
     links = (element.find(f"link/{tag}") for tag in ("predecessor", "successor"))
     names = [one.get("elementId") for one in links if one is not None and one.get("elementType") == "road"]
     return any(float(every[name].get("length")) < SHORT for name in names if name in every)
 
 
-def joined_ends(element: etree._Element, lane: int) -> tuple[bool, bool]:
+def joined_ends(network: RoadNetwork, element: etree._Element, lane: int) -> tuple[bool, bool]:
     """Say whether ways of junctions at a road's begin and end lead from this lane, or to it."""
     out = [False, False]
-    for road in element.getparent().iterfind("road"):
+    for road in roads(network).values():
         for tag in ("predecessor", "successor"):
             link = road.find(f"link/{tag}")
             if (

@@ -17,26 +17,19 @@ import pandas as pd
 from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import file_hash
-from resim.core.plugins.frozen import FrozenFile
 from resim.core.provenance import versions
 from resim.core.sealed import read_sealed, sealed
 from resim.core.spec import EXACT, to_json
 from resim.core.tracks import Tracks
-from resim.execution.child import Failure
-from resim.execution.workers import run_all
 from resim.exports.rocrate import FILE as ROCRATE
 from resim.exports.rocrate import crate, write
 from resim.jobs.given import path_of
+from resim.jobs.labelled import with_maneuvers
 from resim.jobs.play import played_drive
-from resim.mining.features import features
-from resim.mining.find import find_maneuvers
-from resim.mining.own_labels import LIMIT, MiningRules, read_rules, rules_of
-from resim.mining.rows import maneuver_frame
 from resim.recordings import Recording
 from resim.recordings.checked import load_checked
 from resim.recordings.window import rows_beyond
 from resim.report.player import PlayedDrive, of_recording
-from resim.report.player.drive import Layer
 from resim.report.player.simulated import broken_off
 from resim.resimulation.run import describe_recording
 from resim.resimulation.written import read_run
@@ -202,7 +195,7 @@ def export_drive(
     played = _played(path, accept)
     _check_clock(path, played, made)
     if made.labelled:
-        played = _labelled(played, read_rules(labels))
+        played = with_maneuvers(played, labels)
     with whole_folder(folder, EXPORT, (played.network.path,)) as new:
         road = played.network.path
         sources = importlib.import_module(made.module).write(played, new)
@@ -214,34 +207,6 @@ def export_drive(
         )
         write_json(sealed(to_json(report)), new / EXPORT.mark)
     return report
-
-
-def _labelled(played: PlayedDrive, rules: MiningRules) -> PlayedDrive:
-    """A drive with the maneuvers that `resim mine` finds in it; of what sensors perceived nothing is looked for."""
-    if rules.frozen is None or not rules.own:
-        layers = tuple(_with_maneuvers(layer, played.network, rules) for layer in played.layers)
-        return replace(played, layers=layers)
-    task = played.layers, played.network.path, rules.frozen
-    limit = LIMIT * (1 + len(rules.own)) * len(played.layers)
-    ((_, found),) = run_all(_label_layers, [task], workers=1, time_limit=limit)
-    if isinstance(found, Failure):
-        raise InputError(rules.frozen.path, f"its labels could not be found: {found.reason}")
-    return replace(played, layers=found)
-
-
-def _label_layers(task: tuple[tuple[Layer, ...], Path, FrozenFile]) -> tuple[Layer, ...]:
-    """Find maneuvers in a child, by labels of the user's own from their frozen copy."""
-    layers, road, frozen = task
-    network, rules = load(road), rules_of(frozen)
-    return tuple(_with_maneuvers(layer, network, rules) for layer in layers)
-
-
-def _with_maneuvers(layer: Layer, network: RoadNetwork, rules: MiningRules) -> Layer:
-    if layer.is_sensed:
-        return layer
-    found = features(layer.tracks, network)
-    maneuvers = find_maneuvers(found, rules.settings, rules.own)
-    return replace(layer, maneuvers=maneuver_frame(layer.name, found, maneuvers))
 
 
 def _copy_map(road: Path, folder: Path) -> None:

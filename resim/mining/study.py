@@ -255,11 +255,10 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
         frame = write_scenarios(source, mined.scenarios, frame, out, fit=options.fit)
     part.mkdir(parents=True, exist_ok=True)
     frames = maneuver_frame(name, mined.features, mined.maneuvers), frame, overview_frame(mined.features)
-    for table, rows in zip(PART_TABLES, frames, strict=False):
+    slots = slot_frame(mined.names, slot_traces(mined.features, mined.scenarios))
+    for table, rows in zip(PART_TABLES, (*frames, slots), strict=True):
         write_parquet(rows, part / f"{table}.parquet")
     write_recording_page(mined, name, frames, out)
-    slots = slot_frame(mined.names, slot_traces(mined.features, mined.scenarios))
-    write_parquet(slots, part / "slots.parquet")
     return _write_mark(summary(mined, name, seen_from(out, folder), (content, key)), part / CUT, out)
 
 

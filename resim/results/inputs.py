@@ -151,9 +151,7 @@ def _origin(path: Path) -> tuple[list[str], list[CatalogInput]]:
         return [], []
     own = path.relative_to(found).as_posix()
     mined = [CatalogInput("mining", found.name, str(found), digest(found, "mining"))]
-    name = path.name.removesuffix(".jscen.json").rsplit("+", 2)[
-        0
-    ]  # recording, EGO and number, with none in them
+    name, *_ = path.name.removesuffix(".jscen.json").rsplit("+", 2)  # recording, EGO and number
     told = [found / _MINED, found / "parts" / name / "part.json"]
     if told[1].is_file():
         part = read_sealed(told[1], "Mine it again.")

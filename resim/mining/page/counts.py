@@ -58,7 +58,7 @@ class Counted:
         self.durations: Counter[int] = Counter()
         self.most_changes, self.written = 0, 0
         self.longest: list[LongScenario] = []
-        self._seconds: list[float] = []
+        self._seconds = 0.0
 
     def add(self, road: str, maneuvers: pd.DataFrame, scenarios: pd.DataFrame) -> None:
         """Count one recording, on the map of this name; rows as of maneuvers.parquet and scenarios.parquet."""
@@ -71,7 +71,7 @@ class Counted:
         self.tags.update(zip(vehicles, scenarios["tag"].tolist(), strict=True))
         duration = scenarios["duration"].to_numpy(float)
         self.durations.update(np.floor(duration / BIN).astype(int).tolist())
-        self._seconds.append(float(duration.sum()))
+        self._seconds += float(duration.sum())
         written = scenarios[scenarios["folder"] != ""]
         self.written += len(written)
         told = written[["scenario", "folder", "labels", "ego"]].astype(str)
@@ -99,7 +99,7 @@ class Counted:
     @property
     def mean_duration(self) -> float:
         """Of the scenarios [s]."""
-        return sum(self._seconds) / self.scenarios
+        return self._seconds / self.scenarios
 
     @property
     def mean_vehicles(self) -> float:

@@ -87,10 +87,10 @@ def _longest(counted: Counted, folder: Path) -> Markup:
     views = [*_top_views(counted, folder)]
     if not views:
         return Markup()
-    told = "<p>The longest {} of {} written scenarios from above, along the EGO's way; the others are on the "
     return html(
-        "{}{}", html(told + "pages of their recordings:</p>", len(views), counted.written), views_of(views)
-    )
+        "<p>The longest {} of {} written scenarios from above, along the EGO's way; the others are on the pages of "
+        "their recordings:</p>{}", len(views), counted.written, views_of(views),
+    )  # fmt: skip
 
 
 def _top_views(counted: Counted, folder: Path) -> Iterator[Markup]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,9 +58,8 @@ def write_recording_page(
 
 def _views(mined: MinedRecording, scenarios: pd.DataFrame) -> Iterator[Markup]:
     gt, borders = mined.recording.gt, LaneBorders(mined.network)
-    columns = scenarios[["scenario", "start", "end", "labels", "ego"]]
-    for one, row in zip(mined.scenarios, _rows(columns), strict=True):
-        scenario, start, end, labels, ego = row
+    columns = (scenarios[name].tolist() for name in ("scenario", "start", "end", "labels", "ego"))
+    for one, scenario, start, end, labels, ego in zip(mined.scenarios, *columns, strict=True):
         shown = gt.ids[np.unique([one.ego, *one.members])].tolist()
         cut = gt.select(shown).window(float(gt.t[one.ego_start]), float(gt.t[one.ego_end]))
         picture = top_view(scenario, cut, ego, borders)
@@ -68,7 +67,3 @@ def _views(mined: MinedRecording, scenarios: pd.DataFrame) -> Iterator[Markup]:
             "<figure>{}<figcaption><b>{}</b> {} to {} s: {}</figcaption></figure>",
             picture, scenario, f"{start:.2f}", f"{end:.2f}", labels,
         )  # fmt: skip
-
-
-def _rows(frame: pd.DataFrame) -> Iterable[tuple[str, float, float, str, str]]:
-    return frame.itertuples(index=False, name=None)

@@ -10,8 +10,9 @@ from urllib.parse import urlencode
 from starlette.requests import Request
 
 from resim.core.errors import InputError, ResimError
+from resim.jobs.lake import LakeLinks
 from resim.results.entry import KINDS, CatalogEntry
-from resim.results.lake import LakeItem, LakePage, with_content
+from resim.results.lake import LakeItem, LakePage
 from resim.results.queue import QueuedTask
 from resim.supervisor.builds import build_id
 from resim.supervisor.parts import Supervisor
@@ -117,10 +118,10 @@ def link_to(item: LakeItem) -> str:
     return f"/experiments/{item.id}" if item.kind == "recording" else f"/lake/{item.id}"
 
 
-def links_in(supervisor: Supervisor, entry: CatalogEntry) -> dict[int, str]:
+def links_in(linked: LakeLinks) -> dict[int, str]:
     """Give the addresses of the pages of what something follows from, by its place among these."""
-    known = with_content(supervisor.catalog, [i.hash for i in entry.inputs])
-    found = {k: link_to(known[i.hash][0]) for k, i in enumerate(entry.inputs) if i.hash in known}
+    entry = linked.entry
+    found = {k: link_to(items[0]) for k, (_, items) in enumerate(linked.origins) if items}
     builds = {
         k: f"/builds/{build_id(i.name, i.hash)}" for k, i in enumerate(entry.inputs) if i.role == "build"
     }

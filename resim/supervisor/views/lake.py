@@ -58,7 +58,7 @@ def thing(supervisor: Supervisor, request: Request) -> Told:
         raise MissingError("There is no such thing.")
     linked = links_of(supervisor.catalog, found[0])
     return "thing.html", {
-        "one": found[0], "state": found[0].state(), "links": links_in(supervisor, found[0]), "count": linked.count,
+        "one": found[0], "state": found[0].state(), "links": links_in(linked), "count": linked.count,
         "followers": [(item, link_to(item)) for item in linked.followers], "command": linked.command,
         "origin": linked.origin,
     }  # fmt: skip

@@ -57,7 +57,7 @@ def result(supervisor: Supervisor, request: Request) -> Told:
     return "result.html", {
         "one": entry, "state": state, "pages": [p for p in pages if "/" not in p],
         "below": [p for p in pages if "/" in p], "data": _data(entry.folder) if there else [],
-        "links": links_in(supervisor, entry), "outcomes": entry.outcomes[:MOST_OUTCOMES],
+        "links": links_in(linked), "outcomes": entry.outcomes[:MOST_OUTCOMES],
         "maker": _maker(supervisor, entry), "command": linked.command, "origin": linked.origin,
         "followers": [(item, link_to(item)) for item in linked.followers], "count": linked.count,
         "holds": next((e for e in held if e.id != entry.id and e.state() == "there"), None),
