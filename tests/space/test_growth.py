@@ -12,7 +12,7 @@ from space.spaces import KINDS, source, space_of
 
 from resim.core.errors import InputError
 from resim.space.agreement import adjusted_rand
-from resim.space.build import build_space, grow_space
+from resim.space.build import build_space, cluster_buckets, grow_space
 from resim.space.clustering import Linkage
 from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
@@ -128,6 +128,21 @@ def test_several_egos_that_see_the_same_do_not_make_a_kind_seen_twice() -> None:
     ).coverage
     assert alone.convergence.unseen.value == 0.0
     assert twice.convergence.unseen.value == 1.0
+
+
+def test_a_scenario_on_no_lane_is_of_no_kind_that_was_seen() -> None:
+    """Without a lane all slots are empty: all such would be of one kind, which is seen often."""
+    space = space_of(list(KINDS[:8]))
+    nobody = np.full_like(space.traces.offset, np.nan)
+    empty = replace(space.traces, offset=nobody, speed=nobody)
+    of_lanes = (empty.lane, np.full_like(empty.lane, -1))
+    free, lost = (
+        report(cluster_buckets(replace(space, traces=replace(empty, lane=lane))), {}) for lane in of_lanes
+    )
+    assert free.coverage.convergence.unseen.value == 0.0
+    assert lost.coverage.convergence.unseen.value == 1.0
+    assert lost.buckets[0].coverage.convergence.unseen.value == 1.0
+    assert any("a kind of its own" in note for note in lost.notes)
 
 
 def test_discovery_stops_where_nothing_new_comes() -> None:
