@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from space.families import drawn
 from space.spaces import KINDS, source, space_of
@@ -18,6 +19,7 @@ from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
 from resim.space.folder import read_space, write_space
 from resim.space.settings import SpaceSettings
+from resim.space.sources import DrivenRecording, _driven_until
 
 
 def kinds(count: int, seed: int, of: tuple[str, ...] = KINDS) -> list[str]:
@@ -143,6 +145,14 @@ def test_a_scenario_on_no_lane_is_of_no_kind_that_was_seen() -> None:
     assert lost.coverage.convergence.unseen.value == 1.0
     assert lost.buckets[0].coverage.convergence.unseen.value == 1.0
     assert any("a kind of its own" in note for note in lost.notes)
+
+
+def test_what_the_last_recording_brings_is_found_late() -> None:
+    """Also its only scenario, which was said to come as the recording begins: in the first half of 1 + 0.9 h."""
+    frame = pd.DataFrame({"recording": ["a", "a", "b"], "start": [0.0, 50.0, 7.0], "end": [10.0, 100.0, 9.0]})
+    recordings = tuple(DrivenRecording(name, h, h, "m", "e", "") for name, h in (("a", 0.9), ("b", 1.0)))
+    hours, _ = _driven_until(frame, recordings)
+    assert hours == pytest.approx([0.09, 0.9, 1.9])
 
 
 def test_discovery_stops_where_nothing_new_comes() -> None:
