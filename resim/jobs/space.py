@@ -272,7 +272,11 @@ def _calibration(
 ) -> ReliabilityReport:
     """Whether predicted risk is to be believed, by predictions that know nothing of the drives that are held out."""
     held = {run.recording for run in spared}
-    risks = predicted_risks(space, members, build, [known.scenario.get(key, "") for key in held])
+    scenarios = [known.scenario.get(key, "") for key in held]
+    others = members[
+        ~members["origin"].isin([*held, *scenarios])
+    ]  # a variation tells of others of its recording
+    risks = predicted_risks(space, others, build, scenarios)
     whole = _whole(space)
     clusters = {key: name for key, name in clusters_of(space, known).items() if key not in whole}
     return calibrated(risks, spared, clusters)

@@ -28,11 +28,16 @@ def report(space: Space, files: dict[str, str]) -> SpaceReport:
 
 
 def seen(space: Space, own: Ints) -> SeenScenarios:
-    """Give scenarios of a space in the order in which they were driven."""
+    """Give scenarios of a space in the order in which they were driven.
+
+    Where the EGO leaves the lanes its slots are empty, and the kind is not known: each is one of its own.
+    """
     rows = space.rows.iloc[own]
     order = np.lexsort((np.arange(len(rows)), rows["hours"].to_numpy(float)))
     rows = rows.iloc[order]
-    _, kind = np.unique(rows["cluster"].to_numpy(str), return_inverse=True)
+    names, kind = np.unique(rows["cluster"].to_numpy(str), return_inverse=True)
+    off = space.traces.off_lane[own][order]
+    kind = np.where(off, len(names) + np.arange(len(kind)), kind)
     return SeenScenarios(
         kind, rows["occasion"].to_numpy(np.intp), rows["to_medoid"].to_numpy(float),
         rows["hours"].to_numpy(float), rows["kilometres"].to_numpy(float), space.driven,
@@ -87,7 +92,8 @@ def _notes(space: Space, buckets: tuple[BucketEntry, ...]) -> list[str]:
     off = int((space.traces.lane < 0).sum())
     if off:
         out.append(
-            f"in {off} of {len(space.traces.lane)} scenes the EGO is on no lane: all of its slots are empty"
+            f"in {off} of {len(space.traces.lane)} scenes the EGO is on no lane: all of its slots are empty, and "
+            "how much was seen counts each such scenario as a kind of its own"
         )
     if len({one.egos for one in space.sources}) > 1:
         out.append("sources with every vehicle as EGO are mixed with test drives: rates are of both together")

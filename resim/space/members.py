@@ -37,6 +37,8 @@ MEMBER_COLUMNS = (
 test drive, drive_distance to it, NaN for none; risk: largest accident risk, NaN where it is not known; collided:
 whether the EGO did, NULL where it is not known; counts: whether it is legitimised; why not; repeat: command."""
 INSIDE = "inside"
+OFF_LANE = "its EGO leaves the lanes: who was around it is not known"
+"""Why a recording is of no cluster: without a lane slots are empty, as on a free road."""
 
 
 @dataclass(frozen=True)
@@ -190,6 +192,12 @@ def _legitimacy(
     from_rows = _origins(space, recording, cluster, known)
     if not len(from_rows):
         return Legitimacy("", math.nan, "its slots are not known")
+    off = set(known.traces.names[known.traces.off_lane].tolist())
+    if recording in off:
+        return Legitimacy("", math.nan, OFF_LANE)
+    good = [one for one in good if one.recording not in off]
+    if not good:
+        return Legitimacy("", math.nan, "in all verified test drives of this build the EGO leaves the lanes")
     both = joined([from_rows, known.traces.take(known.traces.rows_of([one.recording for one in good]))])
     count = len(from_rows)
     apart = PairDistances(both, space.settings.distance).between(
@@ -227,10 +235,11 @@ def _there(rows: Ints) -> Ints:
 
 def clusters_of(space: Space, known: DrivenTraces) -> dict[str, str]:
     """Give the cluster of each recording by key, "" for none: that of the scenario that it is, else of where it is
-    placed."""
+    placed. Nothing is placed whose EGO leaves the lanes."""
     by_scenario = dict(zip(space.rows["scenario"], space.rows["cluster"], strict=True))
     out = {key: str(by_scenario.get(name, "")) for key, name in known.scenario.items() if name}
-    left = [str(name) for name in known.traces.names if str(name) not in out]
+    off = known.traces.off_lane
+    left = [str(name) for name in known.traces.names[~off] if str(name) not in out]
     for bucket in sorted({known.bucket[key] for key in left}):
         mine = [key for key in left if known.bucket[key] == bucket]
         out |= dict(

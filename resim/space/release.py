@@ -24,7 +24,7 @@ from resim.space.expected import (
 from resim.space.limits import Per, ReleaseLimits
 from resim.space.model import Space
 from resim.space.risk import ClusterRisk, CoverReport
-from resim.space.statistics.rates import IntervalEstimate, share
+from resim.space.statistics.rates import IntervalEstimate, share, spread_of
 from resim.space.test_plan import PlannedTest, test_plan
 
 MARK = "release.json"
@@ -113,7 +113,7 @@ class RemainingDomain:
     Attributes:
         clusters: Clusters that are left.
         share: Their share of what was driven through, with its interval.
-        enough: Whether all limits on accidents are met without the others.
+        enough: Whether all limits on accidents are met without the others, and none happened in no scenario.
         high: Upper limit of accidents an hour in it.
     """
 
@@ -312,7 +312,9 @@ def _odd(
     )  # fmt: skip
     left = total - float(count[out].sum())
     high = case.accidents("hour", out).high
-    kept = RemainingDomain(len(order) - len(out), share(left, total), _fits(case, out), _finite(high))
+    enough = _fits(case, out) and not case.unknown  # what is in no cluster goes with none
+    spread = spread_of(np.unique(case.exposed.occasion, return_counts=True)[1])
+    kept = RemainingDomain(len(order) - len(out), share(left / spread, total / spread), enough, _finite(high))
     return forbidding, kept
 
 

@@ -85,7 +85,7 @@ ROWS = (
 """Columns of `MinedSource.rows`: build: hash of what drove the EGO, "" for a person; collided: whether the EGO did in
 it, or its drive broke off;
 occasion: scenarios of one number see the same maneuvers, from one vehicle or another; hours, kilometres: driven in the
-source until the scenario begins, NaN where nobody says."""
+source until the scenario ends, NaN where nobody says."""
 
 
 def read_mined(folder: Path) -> MinedSource:
@@ -170,7 +170,11 @@ def _rows(
 def _driven_until(
     frame: pd.DataFrame, recordings: tuple[DrivenRecording, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Hours and kilometres driven in the source until each scenario begins, spread evenly over a recording."""
+    """Hours and kilometres driven in the source until each scenario ends, spread evenly over a recording.
+
+    How long a recording went on after its last scenario is not told: that one ends with it, so that nothing is said
+    to have been found earlier than it was.
+    """
     out = np.full((2, len(frame)), np.nan)
     names = frame["recording"].astype(str).to_numpy()
     start, end = frame["start"].to_numpy(float), frame["end"].to_numpy(float)
@@ -179,7 +183,7 @@ def _driven_until(
         mine, whole = names == one.name, np.array([one.hours, one.kilometres])
         if mine.any():
             low, high = start[mine].min(), max(end[mine].max(), start[mine].min() + 1e-9)
-            out[:, mine] = before[:, None] + whole[:, None] * (start[mine] - low) / (high - low)
+            out[:, mine] = before[:, None] + whole[:, None] * (end[mine] - low) / (high - low)
         before = before + whole
     return out[0], out[1]
 

@@ -53,6 +53,12 @@ class SlotTraces:
         """How many scenes (N,) each has."""
         return np.diff(self.first)
 
+    @property
+    def off_lane(self) -> NDArray[np.bool_]:
+        """Say of each (N,) whether its EGO is on no lane in a scene: who was around it there is not known."""
+        of = np.repeat(np.arange(len(self)), self.scenes)
+        return np.asarray(np.bincount(of[self.lane < 0], minlength=len(self)) > 0)
+
     def take(self, rows: Ints | Sequence[int]) -> SlotTraces:
         """Give some of them (by row), in this order."""
         rows = np.asarray(rows, dtype=np.intp)

@@ -6,18 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from space.families import drawn
 from space.spaces import KINDS, source, space_of
 
 from resim.core.errors import InputError
 from resim.space.agreement import adjusted_rand
-from resim.space.build import build_space, grow_space
+from resim.space.build import build_space, cluster_buckets, grow_space
 from resim.space.clustering import Linkage
 from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
 from resim.space.folder import read_space, write_space
 from resim.space.settings import SpaceSettings
+from resim.space.sources import DrivenRecording, _driven_until
 
 
 def kinds(count: int, seed: int, of: tuple[str, ...] = KINDS) -> list[str]:
@@ -128,6 +130,29 @@ def test_several_egos_that_see_the_same_do_not_make_a_kind_seen_twice() -> None:
     ).coverage
     assert alone.convergence.unseen.value == 0.0
     assert twice.convergence.unseen.value == 1.0
+
+
+def test_a_scenario_on_no_lane_is_of_no_kind_that_was_seen() -> None:
+    """Without a lane all slots are empty: all such would be of one kind, which is seen often."""
+    space = space_of(list(KINDS[:8]))
+    nobody = np.full_like(space.traces.offset, np.nan)
+    empty = replace(space.traces, offset=nobody, speed=nobody)
+    of_lanes = (empty.lane, np.full_like(empty.lane, -1))
+    free, lost = (
+        report(cluster_buckets(replace(space, traces=replace(empty, lane=lane))), {}) for lane in of_lanes
+    )
+    assert free.coverage.convergence.unseen.value == 0.0
+    assert lost.coverage.convergence.unseen.value == 1.0
+    assert lost.buckets[0].coverage.convergence.unseen.value == 1.0
+    assert any("a kind of its own" in note for note in lost.notes)
+
+
+def test_what_the_last_recording_brings_is_found_late() -> None:
+    """Also its only scenario, which was said to come as the recording begins: in the first half of 1 + 0.9 h."""
+    frame = pd.DataFrame({"recording": ["a", "a", "b"], "start": [0.0, 50.0, 7.0], "end": [10.0, 100.0, 9.0]})
+    recordings = tuple(DrivenRecording(name, h, h, "m", "e", "") for name, h in (("a", 0.9), ("b", 1.0)))
+    hours, _ = _driven_until(frame, recordings)
+    assert hours == pytest.approx([0.09, 0.9, 1.9])
 
 
 def test_discovery_stops_where_nothing_new_comes() -> None:

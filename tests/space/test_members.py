@@ -17,6 +17,7 @@ from resim.jobs.space_members import Simulated, SpaceReading, _of_verification, 
 from resim.jobs.space_recordings import RecordingReader
 from resim.recordings.content import content_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
+from resim.space.build import cluster_buckets
 from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
@@ -83,6 +84,24 @@ def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Spa
     traces = DrivenTraces(joined([far, drive]), {"run": BUCKET, "drive": BUCKET}, {"run": name, "drive": ""})
     assert clusters_of(space, traces)["run"] == "1.1"
     assert judged_members(space, [RUN], [DRIVE], traces, 0.1).iloc[0]["counts"]
+
+
+def test_who_is_on_no_lane_is_near_nobody(space: Space) -> None:
+    """Its slots are empty, as on a free road."""
+    free = replace(space.traces, offset=np.full_like(space.traces.offset, np.nan))
+    of_free = cluster_buckets(replace(space, traces=replace(free, speed=free.offset)))
+    empty = known()
+    nobody = np.full_like(empty.traces.offset, np.nan)
+    on_road = replace(empty, traces=replace(empty.traces, offset=nobody, speed=nobody))
+    assert judged_members(of_free, [RUN], [DRIVE], on_road, 0.7).iloc[0]["counts"]
+    for name, why in (("run", "its EGO leaves the lanes"), ("drive", "in all verified test drives")):
+        lane = on_road.traces.lane.copy()
+        lane[on_road.traces.first[on_road.traces.rows_of([name])[0]]] = -1
+        off = replace(on_road, traces=replace(on_road.traces, lane=lane))
+        found = judged_members(of_free, [RUN], [DRIVE], off, 0.7).iloc[0]
+        assert not found["counts"]
+        assert why in found["why"]
+        assert clusters_of(of_free, off).get("run", "") == ("" if name == "run" else "1.1")
 
 
 def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
@@ -152,6 +171,27 @@ def test_a_drive_that_is_held_out_does_not_predict_itself(space: Space) -> None:
     assert "50 held-out drives are of recordings that the space was mined of" in next(
         _mined_whole(mined, held)
     )
+
+
+def test_members_of_a_recording_that_is_held_out_do_not_predict_it(space: Space) -> None:
+    """Other seeds and variations of the same recordings end as these do: that is no calibration."""
+    rng = np.random.default_rng(5)
+    keys = [*(f"r{k}" for k in range(40)), "drive"]
+    traces = joined([drawn(KINDS[0], key, rng, 0.5) for key in keys])
+    there = DrivenTraces(traces, dict.fromkeys(keys, BUCKET), dict.fromkeys(keys, ""))
+
+    def runs(recordings: range, seeds: range) -> list[SimulatedRun]:
+        return [
+            SimulatedRun(f"r{k}:{seed}", f"r{k}", "b", "p", float(k % 20 == 3), k % 20 == 3, same=f"r{k} {seed}")
+            for k in recordings for seed in seeds
+        ]  # fmt: skip
+
+    members = judged_members(space, runs(range(20), range(10)), [DRIVE], there, 0.7)
+    assert members["counts"].all()
+    found = _calibration(space, members, "b", runs(range(20), range(10, 20)), there)
+    assert (found.verdict, found.unknown) == ("not shown", 200)
+    others = _calibration(space, members, "b", runs(range(20, 40), range(10)), there)
+    assert (others.verdict, others.unknown) == ("calibrated", 0)
 
 
 def test_a_run_that_is_there_again_is_no_further_evidence(space: Space) -> None:

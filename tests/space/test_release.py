@@ -234,6 +234,22 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
     assert decided(of_another, frame, limits(0.1)).verdict == "good"
 
 
+def test_what_is_in_no_scenario_is_left_in_any_odd(seen: Space) -> None:
+    other = replace(seen, sources=tuple(replace(one, accidents={"b": 50}) for one in seen.sources))
+    frame = members(seen, 5000, 0.0)
+    assert decided(seen, frame, limits(0.1)).remaining.enough
+    assert not decided(other, frame, limits(0.1)).remaining.enough
+
+
+def test_the_share_that_is_left_is_of_occasions() -> None:
+    alone, four = (build_space([source("s", [*KINDS[:5]] * 40, 1, 200.0, together=n)]) for n in (1, 4))
+    one, other = (
+        decided(space, members(space, 5, 0.0), limits(3.0)).remaining.share for space in (alone, four)
+    )
+    assert one.value == other.value
+    assert other.high - other.low > 1.5 * (one.high - one.low)
+
+
 def test_risk_that_is_not_calibrated_is_not_printed(seen: Space, tmp_path: Path) -> None:
     frame, told = members(seen, 40, 0.0123), report(seen, {})
     frame.loc[frame["cluster"] == "1.2", "risk"] = 0.271  # of such a risk nobody held a drive out

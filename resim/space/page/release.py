@@ -83,7 +83,7 @@ def _forbidding(found: ReleaseReport) -> Markup:
 def _remaining(found: ReleaseReport) -> Markup:
     left = found.remaining
     enough = "its accidents are within the limits" if left.enough else (
-        "not even that is enough: kinds that were not seen cannot be left out"
+        "not even that is enough: kinds that were not seen, and what is in no scenario, cannot be left out"
     )  # fmt: skip
     return html(
         "<p>{}, {} of what comes; at most {} accidents an hour: {}.</p>", counted(left.clusters, "cluster"),
