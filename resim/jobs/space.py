@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from resim.core.errors import InputError
-from resim.core.files import check_hashes, file_hash
+from resim.core.files import check_hashes, file_hash, relative
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, read_strict, to_json
@@ -247,13 +247,19 @@ def cover(
         files = _write_members(folder, members, next((one.traffic for one in every if one.traffic), ""))
         report = CoverReport(
             versions(), files, file_hash(folder / MARK), first.build, first.label, first.perception, within,
-            _verified(drives),
+            _runs(folder, given), _runs(folder, held), _verified(drives),
             not_mined(found, accidents(one for _, one in (*given, *held)), known), risks, calibration,
             (*cover_notes(members, drives), *_mined_whole(found, spared)),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)
         write_cover_page(found, told, report, folder)
     return report
+
+
+def _runs(space: Path, given: Sequence[tuple[Path, Simulated]]) -> dict[str, int]:
+    """How many runs each folder holds, by its path from the space's."""
+    where = Path(os.path.realpath(space))
+    return {relative(Path(os.path.realpath(folder)), where): len(one.runs) for folder, one in given}
 
 
 def _spared(given: Sequence[Simulated], held: Sequence[Simulated]) -> list[SimulatedRun]:

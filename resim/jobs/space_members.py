@@ -112,7 +112,11 @@ def _of_sweep(folder: Path, swept: SweepResult, how: SpaceReading) -> Simulated:
         )
     perception = inputs.perception.hash if inputs.perception is not None else None
     changed = [p.name for p in swept.parameters if not p.name.startswith(VARIATION)]
-    keys = {name: one.hash or name for name, one in inputs.recordings.items()}
+    drives = {
+        name: how.reader.read(_path(folder, one.path), one.hash or name)
+        for name, one in inputs.recordings.items()
+    }
+    keys = {name: drive.key for name, drive in drives.items()}
     words = ", ".join(f"{name} is swept" for name in changed)
     varied = [p.name for p in swept.parameters]
     told = f"{inputs.sweep.variation} {getattr(inputs.kernels, 'hash', '')}"
@@ -127,13 +131,15 @@ def _of_sweep(folder: Path, swept: SweepResult, how: SpaceReading) -> Simulated:
         )
         for row in swept.rows.to_dict("records")
     ]  # fmt: skip
-    drives = {
-        keys[name]: how.reader.read(_path(folder, one.path), keys[name])
-        for name, one in inputs.recordings.items()
-    }
     moved = f"vehicle {inputs.vehicle}, traffic {inputs.sweep.reacts}"
     return Simulated(
-        tuple(runs), (), drives, builds[0][1].label, builds[0][1].hash or "", perception or "", moved
+        tuple(runs),
+        (),
+        {drive.key: drive for drive in drives.values()},
+        builds[0][1].label,
+        builds[0][1].hash or "",
+        perception or "",
+        moved,
     )
 
 
@@ -149,8 +155,10 @@ def _of_verification(folder: Path, found: VerificationReport, how: SpaceReading)
         if one.hash is None:
             problem = f"its recording {one.name!r} could not be read: what happened in it is not known"
             raise InputError(folder, problem, "Mend it, and verify again.")
-        key, path = one.hash, _path(folder, one.folder)
-        drive = recordings[key] = how.reader.read(path, key)
+        path = _path(folder, one.folder)
+        drive = how.reader.read(path, one.hash)
+        key = drive.key
+        recordings[key] = drive
         own = bool(build) and drive.build == build
         drives.append(TestDrive(key, one.name, build, perception, one.verdict, own))
         repeat = _repeat(folder, path, inputs, how)

@@ -13,7 +13,7 @@ from resim.mining.extraction import window_of
 from resim.mining.features import features
 from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.recordings import Recording, read_recording
-from resim.recordings.content import refuse_changed
+from resim.recordings.content import refuse_changed, tracks_hash
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.road.opendrive import load
 
@@ -24,14 +24,17 @@ class SimulatedRecording:
 
     Attributes:
         folder: Where it is.
+        key: Hash of its content; of several with the same GT and map, that of the one that was read first: copies under
+            other names are one drive.
         build: Hash of the build that drove it, "" for a person or where nobody says.
         collided: Whether its EGO collides in the measured drive; None where somebody may have been hit unseen.
         broke_off: Whether the drive ended before its time.
-        slots: Table of the slots of the whole recording around its EGO, named by its content.
+        slots: Table of the slots of the whole recording around its EGO, named by its key.
         place: What its bucket follows from.
     """
 
     folder: Path
+    key: str
     build: str
     collided: bool | None
     broke_off: bool
@@ -55,6 +58,7 @@ class RecordingReader:
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, str], SimulatedRecording] = {}
+        self._first: dict[str, str] = {}
 
     def read(self, folder: Path, content: str) -> SimulatedRecording:
         """Give what a space asks of a recording.
@@ -72,11 +76,12 @@ class RecordingReader:
         key = os.path.realpath(folder), content
         if key not in self._known:
             refuse_changed(folder, content)
-            self._known[key] = _simulated(folder, read_recording(folder), content)
+            first = self._first.setdefault(tracks_hash(folder), content)
+            self._known[key] = _simulated(folder, read_recording(folder), first)
         return self._known[key]
 
 
-def _simulated(folder: Path, recording: Recording, content: str) -> SimulatedRecording:
+def _simulated(folder: Path, recording: Recording, key: str) -> SimulatedRecording:
     found = features(recording.gt, load(recording.map))
     row = recording.gt.index(recording.ego)
     first, last = (int(found.samples.first[row + k]) - k for k in (0, 1))
@@ -86,8 +91,8 @@ def _simulated(folder: Path, recording: Recording, content: str) -> SimulatedRec
         "map": map_folder(recording.map), "road": road, "along_s": along, "lanes": lanes, "vehicles": vehicles,
     }  # fmt: skip
     return SimulatedRecording(
-        folder, recording.build_hash or "", _measured_collision(recording), bool(recording.provenance.get("ended")),
-        slot_frame([content], slot_traces(found, [window])), place,
+        folder, key, recording.build_hash or "", _measured_collision(recording),
+        bool(recording.provenance.get("ended")), slot_frame([key], slot_traces(found, [window])), place,
     )  # fmt: skip
 
 

@@ -22,6 +22,13 @@ def content_hash(folder: Path) -> str:
     return hash_of_hashes(files, road)
 
 
+def tracks_hash(folder: Path) -> str:
+    """Give the SHA-256 of a recording's GT and map alone, which copies under other names share. Raises InputError."""
+    settings = read_settings(folder / SETTINGS)
+    files = {p.name: file_hash(p) for p in folder.iterdir() if p.name in ("gt.csv", "gt.parquet")}
+    return hash_of_hashes(files, file_hash(folder / settings.map))
+
+
 def refuse_changed(folder: Path, digest: str | None) -> None:
     """Raise InputError where a recording's content has not this hash, or had none (None) when the command began."""
     found = content_hash(folder)

@@ -228,7 +228,9 @@ def typed(rows: pd.DataFrame) -> pd.DataFrame:
     numbers = ("start", "end", "hours", "kilometres", "to_medoid")
     whole = ("batch", "lanes", "vehicles", "occasion", "number")
     types = dict.fromkeys(texts, "string") | dict.fromkeys(numbers, "float64") | dict.fromkeys(whole, "int64")
-    return rows.astype(types | dict.fromkeys(("along_s", "collided", "medoid"), "bool"))[list(COLUMNS)]
+    return rows.astype(types | dict.fromkeys(("along_s", "medoid"), "bool") | {"collided": "boolean"})[
+        list(COLUMNS)
+    ]
 
 
 def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> Space:

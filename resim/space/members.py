@@ -1,7 +1,8 @@
 """Simulated drives as members of clusters, and whether they count (Wagner 2021, 6.3.1: locally verified).
 
 A simulated member counts where, for its build and perception, a test drive that this build drove is verified; where its
-origin, or the medoid of its cluster, lies within a stated slot distance of that drive; and where what was varied of
+origin, or the medoid of its cluster, lies within a stated slot distance of that drive, where time that the drive did
+not last for counts as far apart as can be; and where what was varied of
 it lies within what `resim verify --vary` found there (`trust` of `resim vary`). All others stay in the table, with
 the reason.
 """
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from resim.core.geometry import Floats
 from resim.space.build import NEW
 from resim.space.distance import PairDistances
 from resim.space.model import Space
@@ -198,20 +200,32 @@ def _legitimacy(
     good = [one for one in good if one.recording not in off]
     if not good:
         return Legitimacy("", math.nan, "in all verified test drives of this build the EGO leaves the lanes")
-    both = joined([from_rows, known.traces.take(known.traces.rows_of([one.recording for one in good]))])
-    count = len(from_rows)
-    apart = PairDistances(both, space.settings.distance).between(
-        np.arange(count), np.arange(count, len(both))
-    )
-    nearest = apart.min(axis=0)
+    (own_row,) = known.traces.rows_of([recording])
+    lasts = np.maximum(from_rows.scenes, known.traces.scenes[own_row])
+    driven_by = known.traces.take(known.traces.rows_of([one.recording for one in good]))
+    nearest = _apart_at_most(space, from_rows, lasts, driven_by).min(axis=0)
     k = int(np.argmin(nearest))
     distance = float(nearest[k])
     why = (
         ""
         if distance <= within
-        else f"the nearest verified test drive is {distance:.2f} away, at most {within:g} counts"
+        else f"the nearest verified test drive is {distance:.2f} away, at most {within:g} counts (time that it did not "
+        "last for counts as far as can be)"
     )
     return Legitimacy(good[k].name, distance, why)
+
+
+def _apart_at_most(space: Space, ones: SlotTraces, lasts: Ints, drives: SlotTraces) -> Floats:
+    """How far scenarios (A,) and drives (B,) are apart at most: (A, B), whatever a drive would have met had it gone on.
+
+    The published distance is of the common time alone, by which a drive of a second would be near to all that begins
+    as it does. lasts: scenes (A,) that a drive has to last for.
+    """
+    count, options = len(ones), space.settings.distance
+    both = PairDistances(joined([ones, drives]), options)
+    apart = both.between(np.arange(count), np.arange(count, count + len(drives)))
+    shared = np.minimum(drives.scenes[None, :] / lasts[:, None], 1.0)
+    return shared * apart + (1.0 - shared) * options.longest
 
 
 def not_mined(space: Space, accidents: Iterable[str], known: DrivenTraces) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -45,7 +46,7 @@ class ReleaseCheck:
         name: What.
         value: What was found; NaN where nothing is known.
         low: Lower limit of it.
-        high: Upper limit of it; for a share that must be large, the lower one decides.
+        high: Upper limit of it, NaN where there is none; for a share that must be large, the lower one decides.
         limit: What is asked for.
         met: Whether it is, with the confidence.
         exceeded: Whether the contrary is shown.
@@ -71,7 +72,7 @@ class AccidentBudget:
         known: Of clusters whose risk is known: estimate and limits.
         thin: Upper limit of those with too few members that count, or uncalibrated risk: each scenario an accident.
         unseen: Upper limit of kinds not seen: each scenario an accident.
-        high: Upper limit of all.
+        high: Upper limit of all; NaN where something happened in no scenario.
         limit: What is asked for; NaN where nothing is.
     """
 
@@ -114,7 +115,7 @@ class RemainingDomain:
         clusters: Clusters that are left.
         share: Their share of what was driven through, with its interval.
         enough: Whether all limits on accidents are met without the others, and none happened in no scenario.
-        high: Upper limit of accidents an hour in it.
+        high: Upper limit of accidents an hour in it; NaN where something happened in no scenario.
     """
 
     clusters: int
@@ -155,6 +156,8 @@ class ReleaseCase:
     Attributes:
         names: Of the C clusters.
         exposed: Scenarios that were measured.
+        seen: The same, where those whose kind is not known are each of one of its own: without slots, and where the EGO
+            leaves the lanes.
         risks: Of the clusters, by name.
         calibration: Of predicted risk, None without one.
         unknown: What happened on drives and is in no scenario: sentences, none where there is nothing.
@@ -164,6 +167,7 @@ class ReleaseCase:
 
     names: tuple[str, ...]
     exposed: ExposedScenarios
+    seen: ExposedScenarios
     risks: Mapping[str, ClusterRisk]
     calibration: ReliabilityReport | None
     unknown: tuple[str, ...]
@@ -184,7 +188,7 @@ class ReleaseCase:
     def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
         """Give expected accidents, without clusters that are left out of the ODD."""
         return expected_accidents(
-            self.exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, self.exposed
+            self.exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, self.seen
         )
 
 
@@ -192,14 +196,23 @@ def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits)
     """Give what a decision about a release follows from."""
     names, kind = np.unique(space.rows["cluster"].to_numpy(str), return_inverse=True)
     exposed = ExposedScenarios(kind, space.rows["occasion"].to_numpy(np.intp), len(names))
+    seen = _seen(exposed, space.traces.off_lane, sum(one.left_out for one in space.sources))
     risks = {} if cover is None else {one.cluster: one for one in cover.clusters}
     calibration = None if cover is None else cover.calibration
     hours, kilometres = space.driven
     return ReleaseCase(
-        tuple(names.tolist()), exposed, risks,
-        calibration, tuple(_unknown(space, cover)),
+        tuple(names.tolist()), exposed, seen, risks, calibration, tuple(_unknown(space, cover)),
         {"hour": hours, "kilometre": kilometres}, limits,
     )  # fmt: skip
+
+
+def _seen(exposed: ExposedScenarios, off_lane: np.ndarray, left_out: int) -> ExposedScenarios:
+    """Scenarios of which those that are off the lanes (N,), and so many more, are each of a kind of its own."""
+    lone = int(off_lane.sum()) + left_out
+    kind = np.concatenate([exposed.kind, np.zeros(left_out, np.intp)])
+    kind[np.concatenate([off_lane, np.ones(left_out, bool)])] = exposed.clusters + np.arange(lone)
+    occasion = np.concatenate([exposed.occasion, 1 + exposed.occasion.max(initial=-1) + np.arange(left_out)])
+    return ExposedScenarios(kind, occasion, exposed.clusters + lone)
 
 
 def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
@@ -237,7 +250,7 @@ def decide(
         versions(), {}, hashes["space"], hashes["cover"], hashes["limits"], limits,
         "" if cover is None else cover.label, "" if cover is None else cover.build,
         "" if cover is None else cover.perception, verdict, _statement(case, verdict, checks), checks,
-        tuple(_budget(per, found, limits) for per, found in terms.items()), forbidding, remaining, plan,
+        tuple(_budget(per, found, case) for per, found in terms.items()), forbidding, remaining, plan,
         tuple(_notes(case, cover)),
     )  # fmt: skip
 
@@ -245,7 +258,7 @@ def decide(
 def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tuple[ReleaseCheck, ...]:
     """Give what is asked for, and whether it is met."""
     limits = case.limits
-    unseen = unseen_of(case.exposed, 2.0 * limits.confidence - 1.0)
+    unseen = unseen_of(case.seen, 2.0 * limits.confidence - 1.0)
     seen = ReleaseCheck(
         "the next scenario is of a kind that was seen", 1.0 - unseen.value, 1.0 - unseen.high, 1.0 - unseen.low,
         limits.least_seen, bool(1.0 - unseen.high >= limits.least_seen), bool(1.0 - unseen.low < limits.least_seen),
@@ -254,10 +267,11 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
     out = [seen]
     for one in limits.limit:
         found = terms[one.per]
+        high = np.inf if case.unknown else found.high
         out.append(
             ReleaseCheck(
-                f"accidents by {one.per}", found.value, found.low, found.high, one.accidents,
-                bool(found.high <= one.accidents), bool(found.low > one.accidents), one.source,
+                f"accidents by {one.per}", found.value, found.low, _finite(high), one.accidents,
+                bool(high <= one.accidents), bool(found.low > one.accidents), one.source,
             )
         )  # fmt: skip
     return tuple(out)
@@ -273,12 +287,13 @@ def verdict_of(checks: Sequence[ReleaseCheck], believed: bool, unknown: Sequence
     return "good" if believed and not unknown and all(one.met for one in checks) else "not shown"
 
 
-def _budget(per: Per, found: AccidentTerms, limits: ReleaseLimits) -> AccidentBudget:
+def _budget(per: Per, found: AccidentTerms, case: ReleaseCase) -> AccidentBudget:
+    limits, high = case.limits, np.inf if case.unknown else found.high
     limit = min((one.accidents for one in limits.limit if one.per == per), default=np.nan)
     known = IntervalEstimate(found.value, found.low, _finite(found.known), limits.confidence)
     if np.isnan(found.value):
         known = IntervalEstimate(np.nan, np.nan, np.nan, limits.confidence)
-    return AccidentBudget(per, known, _finite(found.thin), _finite(found.unseen), _finite(found.high), limit)
+    return AccidentBudget(per, known, _finite(found.thin), _finite(found.unseen), _finite(high), limit)
 
 
 def _finite(value: float) -> float:
@@ -314,7 +329,12 @@ def _odd(
     high = case.accidents("hour", out).high
     enough = _fits(case, out) and not case.unknown  # what is in no cluster goes with none
     spread = spread_of(np.unique(case.exposed.occasion, return_counts=True)[1])
-    kept = RemainingDomain(len(order) - len(out), share(left / spread, total / spread), enough, _finite(high))
+    kept = RemainingDomain(
+        len(order) - len(out),
+        share(left / spread, total / spread),
+        enough,
+        math.nan if case.unknown else _finite(high),
+    )
     return forbidding, kept
 
 

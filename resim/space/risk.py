@@ -36,15 +36,16 @@ class ClusterRisk:
 
     Attributes:
         cluster: Its name.
-        measured: Members that this build drove on the road.
-        measured_collided: How many of them collided.
+        measured: Members that this build drove on the road, on lanes throughout.
+        measured_collided: How many of them collided, or may have.
         counted: Simulated members that count.
         not_counted: Simulated members that do not.
-        unknown: Of those that count, how many have no known risk: they count as accidents.
+        unknown: Of both, how many have no known risk or end: they count as accidents.
         collided: Of those that count, how many collided.
         risk: Expected accidents a scenario, of measured and counted members; NaN of none.
         values: Risk of each of them, the largest first, 1 where it is not known: `resim.space.release` needs them.
-        beside: Risk of those that do not count, the largest first: they may make it worse, never better.
+        beside: Risk of those that do not count, and of drives that left the lanes, the largest first: they may make it
+            worse, never better.
         worst: The worst members of all.
         why: Reasons for which members do not count, with how many.
     """
@@ -75,6 +76,8 @@ class CoverReport:
         label: Its name and version.
         perception: Hash of the perception model, "" without one.
         within: Slot distance to a verified test drive up to which members count.
+        given: Runs of each folder that was given: of simulated drives in any other one nothing is known.
+        held_out: Runs of each folder that was held out.
         drives: How many test drives are verified.
         accidents: How many of this build's test drives collide or break off and are not in the space.
         clusters: Risk of each cluster.
@@ -91,6 +94,8 @@ class CoverReport:
     label: str
     perception: str
     within: float
+    given: Mapping[str, int]
+    held_out: Mapping[str, int]
     drives: int
     accidents: int
     clusters: tuple[ClusterRisk, ...]
@@ -101,7 +106,7 @@ class CoverReport:
 def cluster_risks(space: Space, members: pd.DataFrame, build: str) -> tuple[ClusterRisk, ...]:
     """Give the risk of every cluster. members: as of members.parquet; build: its hash."""
     rows = space.rows
-    own = rows[(rows["build"] == build) & (build != "")] if len(rows) else rows
+    own = rows.assign(off_lane=space.traces.off_lane)[(rows["build"] == build) & (build != "")]
     driven = dict(tuple(own.groupby("cluster")))
     simulated = dict(tuple(members.groupby("cluster")))
     names = rows["cluster"].astype(str).unique().tolist()
@@ -133,16 +138,20 @@ def member_risks(members: pd.DataFrame) -> Floats:
 def _cluster_risk(name: str, driven: pd.DataFrame, members: pd.DataFrame) -> ClusterRisk:
     counts = members["counts"].to_numpy(bool)
     values = member_risks(members)
-    hit = driven["collided"].to_numpy(bool).astype(float)
+    off_lane = driven["off_lane"].to_numpy(bool)
+    driven, doubtful = driven[~off_lane], driven["collided"][off_lane].fillna(True).to_numpy(float)
+    hit = driven["collided"].fillna(True).to_numpy(float)
+    unclear = int(driven["collided"].isna().sum())
+    beside = np.concatenate([values[~counts], doubtful])
     counted = np.sort(np.concatenate([values[counts], hit]))[::-1]
     of_known = members["risk"].notna() & members["collided"].notna()
     known = members[counts]
     reasons = members["why"][~counts].astype(str).value_counts()
     return ClusterRisk(
         name, len(driven), int(hit.sum()), int(counts.sum()), int((~counts).sum()),
-        int((~of_known)[counts].sum()), int(known["collided"].fillna(False).sum()),
+        int((~of_known)[counts].sum()) + unclear, int(known["collided"].fillna(False).sum()),
         share(float(counted.sum()), float(len(counted))), tuple(counted.tolist()),
-        tuple(np.sort(values[~counts])[::-1].tolist()), _worst(members),
+        tuple(np.sort(beside)[::-1].tolist()), _worst(members),
         {str(why): int(count) for why, count in sorted(reasons.items())},
     )  # fmt: skip
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.arrays import BooleanArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -83,7 +84,7 @@ ROWS = (
     "build", "collided", "occasion", "hours", "kilometres",
 )  # fmt: skip
 """Columns of `MinedSource.rows`: build: hash of what drove the EGO, "" for a person; collided: whether the EGO did in
-it, or its drive broke off;
+it, or its drive broke off, NULL where nobody says;
 occasion: scenarios of one number see the same maneuvers, from one vehicle or another; hours, kilometres: driven in the
 source until the scenario ends, NaN where nobody says."""
 
@@ -112,11 +113,10 @@ def read_mined(folder: Path) -> MinedSource:
     at = traces.rows_of(frame["scenario"].tolist())
     usable = (at >= 0) & (frame["recording"].isin([one.name for one in recordings])).to_numpy()
     left_out = tuple(frame["scenario"][~usable].astype(str))
-    seen = _Accidents(maneuvers, recordings, ended)
+    seen = _Accidents(maneuvers, recordings, ended, unclear)
     rows = _rows(frame[usable].reset_index(drop=True), maneuvers, recordings, trigger, seen)
     recordings = tuple(
-        replace(one, accidents=max(seen.outside(one, rows), one.name in unclear and not seen.known(one)))
-        for one in recordings
+        replace(one, accidents=max(seen.outside(one, rows), seen.unclear(one))) for one in recordings
     )
     state = hashlib.sha256()
     for name in (MARK, *(f"{table}.parquet" for table in TABLES)):
@@ -203,32 +203,35 @@ class _Accidents:
     """When EGOs touch somebody, and when a function's drive broke off, by recording and object: (begin, end) [s]."""
 
     def __init__(
-        self, maneuvers: pd.DataFrame, recordings: tuple[DrivenRecording, ...], ended: Mapping[str, float]
-    ) -> None:
+        self, maneuvers: pd.DataFrame, recordings: tuple[DrivenRecording, ...], ended: Mapping[str, float],
+        unclear: set[str],
+    ) -> None:  # fmt: skip
         self.spans: dict[tuple[str, str], list[tuple[float, float]]] = {}
         touched = maneuvers[maneuvers["label"] == COLLISION]
         columns = (touched[name].tolist() for name in ("recording", "object", "start", "end"))
         for recording, name, start, end in zip(*columns, strict=True):
             self.spans.setdefault((str(recording), str(name)), []).append((float(start), float(end)))
+        self._unclear = {(one.name, one.ego) for one in recordings if one.name in unclear} - set(self.spans)
         for one in recordings:
             if one.name in ended:
                 at = ended[one.name]
                 self.spans.setdefault((one.name, one.ego), []).append((at, at))
 
-    def within(self, frame: pd.DataFrame) -> np.ndarray:
-        """Say of each scenario (N,) whether there is one in it."""
+    def within(self, frame: pd.DataFrame) -> BooleanArray:
+        """Say of each scenario (N,) whether there is one in it, NULL where nobody says."""
         columns = (frame[name].tolist() for name in ("recording", "ego", "start", "end"))
-        return np.array(
+        return pd.array(
             [
                 any(_meet(span, start, end) for span in self.spans.get((str(recording), str(ego)), ()))
+                or (pd.NA if (str(recording), str(ego)) in self._unclear else False)
                 for recording, ego, start, end in zip(*columns, strict=True)
             ],
-            dtype=bool,
-        )
+            dtype="boolean",
+        )  # fmt: skip
 
-    def known(self, one: DrivenRecording) -> bool:
-        """Say whether there is any of a recording's own EGO."""
-        return (one.name, one.ego) in self.spans
+    def unclear(self, one: DrivenRecording) -> bool:
+        """Say whether its own EGO collides, or may, and nobody says when."""
+        return (one.name, one.ego) in self._unclear and (one.name, one.ego) not in self.spans
 
     def outside(self, one: DrivenRecording, rows: pd.DataFrame) -> int:
         """Count those of a recording's own EGO that are in no scenario of it."""

@@ -211,10 +211,15 @@ def test_a_collision_in_no_scenario_is_an_accident_of_the_build(tmp_path: Path, 
     road = write_straight(tmp_path / "straight.xodr")
     recording = Recording("r", road, "ego", tracks, 25.0, build="f-1", build_hash="abc")
     write_recording(recording, tmp_path / "r")
-    mine(
-        [tmp_path / "r"],
-        tmp_path / "m",
-        MineOptions(around="surroundings", write=False, accept=("OVERLAP", "GAP")),
-    )
+    around = {
+        what: MineOptions(around=what, write=False, accept=("OVERLAP", "GAP"))
+        for what in ("surroundings", "risk")
+    }
+    mine([tmp_path / "r"], tmp_path / "m", around["surroundings"])
     (one,) = read_mined(tmp_path / "m").recordings
     assert (one.build, one.accidents) == ("abc", 1)
+    mine([tmp_path / "r"], tmp_path / "risk", around["risk"])
+    rows = read_mined(tmp_path / "risk").rows
+    assert len(rows)
+    assert rows["collided"].isna().all() == (last < 8.0)  # nobody says whether the EGO hit it
+    assert rows["collided"].fillna(True).all()

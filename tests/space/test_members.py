@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from space.families import drawn
 from space.spaces import KINDS, space_of
@@ -21,7 +22,7 @@ from resim.space.build import cluster_buckets
 from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
-from resim.space.traces import joined
+from resim.space.traces import SlotTraces, joined
 from resim.verification.entries import FailedRecording
 
 BUCKET = "m-1, road 1 +, 3 lanes, 4 vehicles"
@@ -38,6 +39,15 @@ def known(run: str = KINDS[0], drive: str = KINDS[0], scenario: str = "") -> Dri
     rng = np.random.default_rng(5)
     traces = joined([drawn(run, "run", rng, 0.5), drawn(drive, "drive", rng, 0.5)])
     return DrivenTraces(traces, {"run": BUCKET, "drive": BUCKET}, {"run": scenario, "drive": ""})
+
+
+def lasting(one: SlotTraces, scenes: int) -> SlotTraces:
+    """A scenario that lasts for so many scenes: its last one again, or without the later ones."""
+    k = np.minimum(np.arange(scenes), len(one.lane) - 1)
+    first = np.array([0, scenes], np.intp)
+    return replace(
+        one, first=first, offset=one.offset[k], speed=one.speed[k], lane=one.lane[k], bend=one.bend[k]
+    )
 
 
 def test_a_run_near_a_verified_test_drive_counts(space: Space) -> None:
@@ -77,13 +87,34 @@ def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Spa
     rows = space.rows[space.rows["cluster"] == "1.1"]
     medoid = space.traces.take(space.traces.rows_of(rows["scenario"][rows["medoid"]].astype(str).tolist()))
     name = str(rows["scenario"].iloc[0])
-    far = drawn(
-        KINDS[3], "run", np.random.default_rng(0)
-    )  # as simulated it is elsewhere; the space says what it is
+    # as simulated it is elsewhere; the space says what it is
+    far = lasting(drawn(KINDS[3], "run", np.random.default_rng(0)), int(medoid.scenes[0]))
     drive = replace(medoid, names=np.array(["drive"]))
     traces = DrivenTraces(joined([far, drive]), {"run": BUCKET, "drive": BUCKET}, {"run": name, "drive": ""})
     assert clusters_of(space, traces)["run"] == "1.1"
     assert judged_members(space, [RUN], [DRIVE], traces, 0.1).iloc[0]["counts"]
+
+
+@pytest.mark.parametrize(("seconds", "counts"), [(1.0, False), (4.0, False), (7.9, True), (20.0, True)])
+def test_a_drive_legitimises_no_more_than_it_lasted_for(space: Space, seconds: float, counts: bool) -> None:
+    """Over its first second a cut-out is as near to following as can be."""
+    rng = np.random.default_rng(3)
+    run, drive = (lasting(drawn(KINDS[0], name, rng, 0.1), 40) for name in ("run", "drive"))
+    cut_out = DrivenTraces(
+        joined([run, lasting(drive, round(5.0 * seconds))]), {"run": BUCKET, "drive": BUCKET}, {"run": "", "drive": ""}
+    )  # fmt: skip
+    found = judged_members(space, [RUN], [DRIVE], cut_out, 0.7).iloc[0]
+    assert found["counts"] == counts
+    assert counts or "time that it did not last for counts as far as can be" in found["why"]
+    # a medoid that is as short as the drive is near to it, and the run lasts longer
+    name = str(space.rows["scenario"][space.rows["medoid"] & (space.rows["cluster"] == "1.1")].iloc[0])
+    of_short = replace(
+        space, traces=joined([
+            lasting(one, round(5.0 * seconds)) if one.names[0] == name else one
+            for one in (space.traces.take([k]) for k in range(len(space.traces)))
+        ])
+    )  # fmt: skip
+    assert judged_members(of_short, [RUN], [DRIVE], cut_out, 0.7).iloc[0]["counts"] == counts
 
 
 def test_who_is_on_no_lane_is_near_nobody(space: Space) -> None:
@@ -121,6 +152,32 @@ def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
     assert of_people["1.1"].measured == 0
     assert not of_people["1.2"].values
     assert any("do not count" in note for note in cover_notes(members, [DRIVE]))
+
+
+def test_a_drive_of_which_nobody_says_how_it_ended_counts_as_an_accident(space: Space) -> None:
+    told = space.rows.assign(build="f-1")
+    none = judged_members(space, [], [], known(), 0.7)
+    collided = told["collided"].astype("boolean")
+    risk = [
+        {
+            one.cluster: one
+            for one in cluster_risks(replace(space, rows=told.assign(collided=hit)), none, "f-1")
+        }["1.1"]
+        for hit in (collided, collided.mask(told["scenario"] == told["scenario"].iloc[0], pd.NA))
+    ]
+    assert [one.values for one in risk] == [(0.0,) * 6, (1.0, *[0.0] * 5)]
+    assert [(one.unknown, one.measured_collided) for one in risk] == [(0, 0), (1, 1)]
+
+
+def test_a_drive_that_leaves_the_lanes_is_no_member(space: Space) -> None:
+    """Without a lane its slots are empty: of which kind it is nobody says."""
+    own = replace(space, rows=space.rows.assign(build="f-1"))
+    lane = own.traces.lane.copy()
+    lane[own.traces.first[0]] = -1
+    off = replace(own, traces=replace(own.traces, lane=lane))
+    none = judged_members(space, [], [], known(), 0.7)
+    measured = [{r.cluster: r.measured for r in cluster_risks(one, none, "f-1")}["1.1"] for one in (own, off)]
+    assert measured == [6, 5]
 
 
 def test_held_out_drives_calibrate_what_clusters_predict(space: Space) -> None:
@@ -177,7 +234,7 @@ def test_members_of_a_recording_that_is_held_out_do_not_predict_it(space: Space)
     """Other seeds and variations of the same recordings end as these do: that is no calibration."""
     rng = np.random.default_rng(5)
     keys = [*(f"r{k}" for k in range(40)), "drive"]
-    traces = joined([drawn(KINDS[0], key, rng, 0.5) for key in keys])
+    traces = joined([lasting(drawn(KINDS[0], key, rng, 0.5), 40) for key in keys])
     there = DrivenTraces(traces, dict.fromkeys(keys, BUCKET), dict.fromkeys(keys, ""))
 
     def runs(recordings: range, seeds: range) -> list[SimulatedRun]:
@@ -320,6 +377,37 @@ def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert reader.read(tmp_path / ".." / tmp_path.name, key) is first
     with pytest.raises(InputError, match="its content has the hash"):
         reader.read(tmp_path, "another")
+
+
+def test_copies_under_other_names_are_one_drive(tmp_path: Path) -> None:
+    names = ("a", "b", "c")
+    for name, lead in zip(names, (60.0, 60.0, 61.0), strict=True):
+        (tmp_path / name).mkdir()
+        write_drive(tmp_path / name, lead, "b")
+    told = tmp_path / "b" / "recording.toml"
+    told.write_text(told.read_text().replace('name = "d"', 'name = "another"'))
+    reader = RecordingReader()
+    hashes = [content_hash(tmp_path / name) for name in names]
+    keys = [reader.read(tmp_path / name, key).key for name, key in zip(names, hashes, strict=True)]
+    assert len(set(hashes)) == 3
+    assert keys == [hashes[0], hashes[0], hashes[2]]
+    build = SimpleNamespace(hash="b", label="b-1", path="b.toml")
+    inputs = SimpleNamespace(
+        against=None,
+        build=build,
+        perception=None,
+        vehicle="single-track",
+        traffic=None,
+        settings=(),
+        accept=(),
+    )
+    entries = [
+        FailedRecording(name, name, key, "error", "process died", True)
+        for name, key in zip(names, hashes, strict=True)
+    ]
+    how = SpaceReading(tmp_path / "space", reader)
+    found = _of_verification(tmp_path, SimpleNamespace(inputs=inputs, recordings=entries), how)  # type: ignore[arg-type]
+    assert len({run.same for run in found.runs}) == len(found.recordings) == 2
 
 
 @pytest.mark.parametrize(

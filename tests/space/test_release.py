@@ -51,7 +51,7 @@ def members(space: Space, each: int, risk: float) -> pd.DataFrame:
 
 def cover(space: Space, frame: pd.DataFrame, calibration: object = GOOD) -> CoverReport:
     risks = cluster_risks(space, frame, "f-1")
-    return CoverReport({}, {}, "", "b", "f-1", "", 0.7, 1, 0, risks, calibration, ())  # type: ignore[arg-type]
+    return CoverReport({}, {}, "", "b", "f-1", "", 0.7, {}, {}, 1, 0, risks, calibration, ())  # type: ignore[arg-type]
 
 
 def decided(
@@ -125,19 +125,32 @@ def test_with_too_little_data_it_says_what_to_do(seen: Space) -> None:
 
 @cache
 def some_space(seed: int) -> Space:
-    return space_of(np.random.default_rng(seed).choice(KINDS[:4], 30).tolist(), seed=seed, hours=10.0)
+    kinds = np.random.default_rng(seed).choice(KINDS[:4], 30).tolist()
+    return space_of(kinds, seed=seed, hours=10.0, build="b")
 
 
 @settings(deadline=None, max_examples=25)
 @given(
     seed=st.integers(0, 10_000),
     part=st.sampled_from(
-        ["risk", "collided", "counts", "calibration", "hours", "slots", "prediction", "outcome"]
+        [
+            "risk",
+            "collided",
+            "counts",
+            "calibration",
+            "hours",
+            "slots",
+            "prediction",
+            "outcome",
+            "lanes",
+            "unclear",
+        ]
     ),
 )
 def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
     rng = np.random.default_rng(seed)
     space = some_space(seed % 3)
+    space = replace(space, rows=space.rows.assign(collided=pd.array(rng.random(30) < 0.1, dtype="boolean")))
     frame = members(space, int(rng.integers(5, 80)), 0.0)
     frame["risk"] = rng.beta(0.1, 2.0, len(frame))
     frame["counts"] = rng.random(len(frame)) < 0.8
@@ -160,21 +173,24 @@ def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
         calibration = reliability(
             held + unknown * (part == "prediction"), collided + unknown * (part == "outcome")
         )
+    elif part == "lanes":
+        off = np.repeat(rng.random(30) < 0.3, space.traces.scenes)
+        poorer = replace(space, traces=replace(space.traces, lane=np.where(off, -1, space.traces.lane)))
+    elif part == "unclear":
+        hit = space.rows["collided"].mask(rng.random(30) < 0.3, pd.NA)
+        poorer = replace(space, rows=space.rows.assign(collided=hit))
     else:
         lost_of = {"hours": {"hours": np.nan}, "slots": {"left_out": 3}}[part]
         poorer = replace(space, sources=tuple(replace(one, **lost_of) for one in space.sources))
     one, two = (
-        release_case(s, cover(s, f, c), asked)
+        release_case(s, replace(cover(s, f, c), clusters=cluster_risks(s, f, "b")), asked)
         for s, f, c in ((space, frame, well), (poorer, worse, calibration))
     )
+    checks = [release_checks(case, {per: case.accidents(per) for per in case.driven}) for case in (one, two)]
     before, after = (
-        verdict_of(
-            release_checks(case, {per: case.accidents(per) for per in case.driven}),
-            case.believed,
-            case.unknown,
-        )
-        for case in (one, two)
+        verdict_of(c, case.believed, case.unknown) for c, case in zip(checks, (one, two), strict=True)
     )
+    assert all(a.met or not b.met for a, b in zip(*checks, strict=True))
     assert after != "good" or before == "good"
     assert two.accidents("hour").high >= one.accidents("hour").high - 1e-12
     assert all(b.high >= a.high - 1e-12 for a, b in zip(one.risk, two.risk, strict=True))
@@ -232,6 +248,29 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
     assert "collide or break off and are not in the space" in found.statement
     of_another = replace(seen, sources=tuple(replace(one, accidents={"c": 1}) for one in seen.sources))
     assert decided(of_another, frame, limits(0.1)).verdict == "good"
+
+
+def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space) -> None:
+    frame = members(seen, 5000, 0.0)
+    assert [one.met for one in decided(seen, frame, limits(0.1)).checks] == [True, True]
+    other = replace(seen, sources=tuple(replace(one, accidents={"b": 50}) for one in seen.sources))
+    found = decided(other, frame, limits(0.1))
+    check = found.checks[1]
+    assert (check.name, check.met, check.exceeded) == ("accidents by hour", False, False)
+    assert np.isnan([check.high, found.budgets[0].high, found.remaining.high]).all()
+    assert "accidents by hour: not known, asked for 0.1" in found.statement
+
+
+def test_scenarios_of_unknown_kind_are_no_kind_that_was_seen(seen: Space) -> None:
+    lane = np.where(np.arange(len(seen.traces.lane)) < seen.traces.first[40], -1, seen.traces.lane)
+    off = replace(seen, traces=replace(seen.traces, lane=lane))
+    without = replace(seen, sources=tuple(replace(one, left_out=40) for one in seen.sources))
+    whole, *others = (
+        decided(one, members(seen, 9, 0.0), limits(0.1)).checks[0] for one in (seen, off, without)
+    )
+    assert (whole.value, whole.met) == (1.0, True)
+    assert [one.value for one in others] == [pytest.approx(160 / 200), pytest.approx(200 / 240)]
+    assert not any(one.met for one in others)
 
 
 def test_what_is_in_no_scenario_is_left_in_any_odd(seen: Space) -> None:

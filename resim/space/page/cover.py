@@ -47,8 +47,8 @@ def write_cover_page(space: Space, told: SpaceReport, found: CoverReport, folder
     parts = [
         header("Covered space", "Risk of each kind of scenario", facts, found.notes),
         section("Risk by cluster", surface), section("Clusters", _clusters(told, found)),
-        section("Worst members", _worst(found)), section("Is predicted risk to be believed?",
-        calibration(found.calibration)),
+        section("Worst members", _worst(found)), section("What was given", _given(found)),
+        section("Is predicted risk to be believed?", calibration(found.calibration)),
     ]  # fmt: skip
     write_page(parts, "Covered space", folder / "cover.html")
 
@@ -99,6 +99,13 @@ def _worst(found: CoverReport) -> Markup:
     ]  # fmt: skip
     listed = table(["member", "cluster", "risk", "collided", "to repeat it"], rows)
     return html("<p>Give commands in the folder of this page.</p>{}", listed)
+
+
+def _given(found: CoverReport) -> Markup:
+    folders = [*found.given.items(), *((f"{name} (held out)", runs) for name, runs in found.held_out.items())]
+    rows = [[name, str(runs)] for name, runs in folders]
+    told = "Of simulated drives in other folders nothing is known here: give all that were made."
+    return html("<p>{}</p>{}", told, table(["folder", "runs"], rows))
 
 
 def _counts_as(one: WorstMember) -> float:

@@ -46,8 +46,11 @@ def dendrogram(bucket: BucketEntry) -> Markup:
             )
         )
     figure.add_hline(bucket.threshold, row=1, col=1, line={"color": "#333333", "width": 1, "dash": "6px,4px"})
-    figure.update_xaxes(showticklabels=False, title_text=f"{len(links) + 1} scenarios, by cluster")
-    figure.update_yaxes(title_text="distance", range=[0.0, 1.05 * float(heights.max())])
+    leaves, highest = len(links) + 1, max(float(heights.max()), bucket.threshold)
+    figure.update_xaxes(
+        showticklabels=False, title_text=f"{leaves} scenarios, by cluster", range=[0.0, 10.0 * leaves]
+    )  # scipy draws leaf k at 10 k + 5
+    figure.update_yaxes(title_text="distance", range=[0.0, 1.05 * highest])
     return to_html(style(figure, 300.0), f"dendrogram{bucket.number}")
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from resim.core.spelling import counted
 from resim.report.markup import Markup, html, join
 from resim.report.tables import table
 from resim.space.distance import PairDistances
@@ -108,7 +109,7 @@ def cluster_map(space: Space, told: SpaceReport, risk: Mapping[str, float]) -> M
 
 
 def _cluster_words(one: ClusterEntry) -> str:
-    return f"{one.members} members, {_exposure(one)}, medoid {one.medoid}"
+    return f"{counted(one.members, 'member')}, {_exposure(one)}, medoid {one.medoid}"
 
 
 def _exposure(one: ClusterEntry) -> str:
@@ -144,7 +145,7 @@ def _bucket(space: Space, bucket: BucketEntry) -> Markup:
         medoid = int(space.traces.rows_of([one.medoid])[0])
         shown = rows[np.unique(np.linspace(0, len(rows) - 1, MEMBERS).astype(int))].tolist()
         drawn = figures.members(space.traces, shown, medoid)
-        words = f"{one.members} members, radius {one.radius:.2f}; {_exposure(one)}; test case {one.medoid}"
+        words = f"{counted(one.members, 'member')}, radius {one.radius:.2f}; {_exposure(one)}; test case {one.medoid}"
         views.append(
             html("<figure>{}<figcaption><b>{}</b> {}</figcaption></figure>", drawn, one.cluster, words)
         )
