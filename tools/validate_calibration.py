@@ -123,19 +123,21 @@ def released(space: Path, out: Path) -> None:
     """Print the verdict by the limits that ship, and by LAX, which nobody should ask for."""
     lax = out / "lax.toml"
     lax.write_text(LAX, encoding="utf-8")
-    print("| limits | verdict | accidents an hour: known risk | at most in all |\n|---|---|---|---|")
     for limits in (CRITERIA / "release.toml", lax):
         folder = out / f"{space.name}_{limits.stem}"
         told = [sys.executable, "-m", "resim", "space", "release", space, "--limits", limits, "--out", folder]
         subprocess.run([str(one) for one in told], capture_output=True, check=False)
         found = json.loads((folder / "release.json").read_text(encoding="utf-8"))
         hour = found["budgets"][0]
+        print("| limits | verdict | accidents an hour: known risk | at most in all |\n|---|---|---|---|")
         known = (
             "none"
             if hour["known"]["value"] is None
             else "{value:.3g} ({low:.3g} to {high:.3g})".format(**hour["known"])
         )
-        print(f"| {limits.stem} | {found['verdict']} | {known} | {hour['high']:.3g} |", flush=True)
+        most = "not known" if hour["high"] is None else f"{hour['high']:.3g}"
+        print(f"| {limits.stem} | {found['verdict']} | {known} | {most} |", flush=True)
+        print(f"\n{found['statement']}\n", flush=True)
 
 
 def story(each: int, out: Path) -> None:
