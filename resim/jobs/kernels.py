@@ -101,7 +101,7 @@ def train_kernels(
         raise InputError(path_of(out), "is not a .json file", "Name a file that ends in .json with --out.")
     study = read_mined(path_of(mined))
     found = []
-    for one in _traces(study, options):
+    for one in maneuver_traces(study, options):
         progress(one.recording)
         if options.real and one.made:
             raise InputError(
@@ -146,7 +146,7 @@ def kernel_likeness(
     return out
 
 
-def _traces(study: MiningResult, options: TrainOptions) -> Iterator[RecordingTraces]:
+def maneuver_traces(study: MiningResult, options: TrainOptions) -> Iterator[RecordingTraces]:
     """The traces of all recordings, in their order."""
     table: pd.DataFrame = study.maneuvers
     wanted = {part.recording: wanted_maneuvers(table, part.recording) for part in study.report.parts}

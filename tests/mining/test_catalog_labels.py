@@ -66,6 +66,17 @@ def test_near_a_junction_is_told_over_short_lane_sections(tmp_path: Path) -> Non
     assert "run_stop_sign" not in labels_of(tracks_of(path, [stops]), network)  # 12 m before the junction
 
 
+@pytest.mark.parametrize(("across", "label"), [(0.0, "straight"), (3.5, "")])
+def test_who_leaves_a_junction_on_the_other_side_of_the_road_makes_no_u_turn(
+    tmp_path: Path, across: float, label: str
+) -> None:
+    network = load(write_junction(tmp_path / "junction.xodr"))
+    path = path_of(network, "1", -1, 60.0, 150.0, Route((("1",), ("10",), ("2",))))
+    drive = Drive("a", steady(10.0), lambda t: smooth(t, 6.9, 1.0, across), end=11.0)
+    ways = {"straight", "turn_left", "turn_right", "u_turn"}
+    assert ways & set(labels_of(tracks_of(path, [drive]), network)) == ({label} if label else set())
+
+
 def test_who_stays_on_the_road_does_so_to_the_end(motorway: RoadNetwork) -> None:
     path = path_of(motorway, "7", -1, 20.0, 250.0)
     stays = Drive("a", steady(0.1), end=12.0, kind="pedestrian", length=0.5, width=0.5)

@@ -57,8 +57,8 @@ def find(
             continue  # not seen outside before or after
         if features.row[on[a - 1]] == features.row[on[b + 1]]:
             continue  # in and back again
-        if broken[b + 1] != broken[a - 1]:
-            continue  # the map says no way from one to the other
+        if broken[b + 1] != broken[a - 1] or not features.with_lane[on[[a - 1, b + 1]]].all():
+            continue  # the map says no way from one to the other, or it is not driven as the lanes are
         angle = float(turning[b + 1] - turning[a - 1])
         figures = {"turned_rad": angle, "duration_s": float(samples.t[on[b]] - samples.t[on[a]])}
         start, end = int(on[a]), int(on[b])

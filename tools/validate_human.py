@@ -1,0 +1,102 @@
+"""How near variations of real drives are to these: every vehicle held out once, of recordings that people drove.
+
+    python tools/validate_human.py MINED [--name PART] [--longest SECONDS]
+
+MINED is what `resim mine --scenarios rows` wrote of real recordings; PART names those that are taken. Vehicles are
+dealt to four parts; kernels of 20 components are trained without each, and its traces are reconstructed and varied, so
+that every trace is held out once. Correlations are of halves, as kernels of four parts have components of their own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from resim.core.correlation import pearson
+from resim.core.geometry import Floats
+from resim.jobs.kernels import TrainOptions, maneuver_traces
+from resim.jobs.mine import read_mined
+from resim.variations.evaluation import evaluate
+from resim.variations.kernels import COMPONENTS, ManeuverKernel, fit_kernel
+from resim.variations.likeness import Likeness, tell_apart, varied_traces, with_noise
+from resim.variations.training import LONGEST
+
+FOLDS, LEAST, DRAWS = 4, 200, 30
+BOXES = (0.005, 0.01, 0.02)
+
+
+def traces(folder: Path, name: str, longest: float) -> dict[str, tuple[Floats, np.ndarray]]:
+    """Give features (N, F) and a number of the vehicle (N,) by maneuver."""
+    found: dict[str, list[tuple[Floats, str]]] = {}
+    for one in maneuver_traces(read_mined(folder), TrainOptions(longest=longest)):
+        if name in one.recording:
+            for label, who, row in zip(one.label, one.object, one.features, strict=True):
+                found.setdefault(label, []).append((row, f"{one.recording}/{who}"))
+    return {
+        label: (np.array([row for row, _ in rows]), np.array([zlib.crc32(who.encode()) for _, who in rows]))
+        for label, rows in found.items()
+    }
+
+
+def held_out(label: str, rows: Floats, vehicle: np.ndarray) -> None:
+    """Print how every trace is reconstructed and varied by kernels that were trained without its vehicle."""
+    errors: list[float] = []
+    pairs: dict[float, list[tuple[Floats, Floats]]] = {box: [] for box in BOXES}
+    for k in range(FOLDS):
+        mine = vehicle % FOLDS == k
+        kernel = fit_kernel(label, rows[~mine], rows[mine], components=COMPONENTS)
+        errors += [kernel.reconstruction_held_out] * int(mine.sum())
+        for box in BOXES:
+            pairs[box].append(varied_traces(kernel, rows[mine], box))
+    print(f"\n{label}: {len(rows)} traces of {len(set(vehicle.tolist()))} vehicles; "
+          f"reconstruction of those held out {100.0 * np.mean(errors):.3f} %")  # fmt: skip
+    for box in BOXES:
+        measured, varied = (np.concatenate(part) for part in zip(*pairs[box], strict=True))
+        print(f"box of {100.0 * box:g} %: {told(tell_apart(measured, varied))}", flush=True)
+    print(f"5 cm of noise: {told(tell_apart(measured, with_noise(measured, np.random.default_rng(0))))}")
+
+
+def told(found: Likeness) -> str:
+    by = ", ".join(f"{name} {auc:.2f}" for name, auc in found.by.items())
+    return f"AUC {found.auc:.3f} ({found.low:.3f} to {found.high:.3f}), by {by}"
+
+
+def correlated(label: str, rows: Floats, vehicle: np.ndarray) -> None:
+    """Print the correlation of components of one half of the vehicles, by a kernel of the other."""
+    mine = vehicle // FOLDS % 2 == 1
+    kernel = fit_kernel(label, rows[~mine], rows[mine], components=COMPONENTS)
+    found = evaluate(kernel, rows[mine])
+    print(f"half held out, {found.held_out} traces: largest Pearson {found.linear:.3f}, of independent components "
+          f"{independent(kernel, rows[mine]):.3f}; "
+          f"largest nonlinear beyond its bias {found.nonlinear:.3f}")  # fmt: skip
+
+
+def independent(kernel: ManeuverKernel, rows: Floats) -> float:
+    """The largest Pearson coefficient of these components where each is shuffled, the mean of DRAWS."""
+    scores, rng = kernel.components(rows), np.random.default_rng(0)
+    off = ~np.eye(scores.shape[1], dtype=bool)
+    drawn = [np.column_stack([rng.permutation(column) for column in scores.T]) for _ in range(DRAWS)]
+    return float(np.mean([np.abs(pearson(one)[off]).max() for one in drawn]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("mined", type=Path)
+    parser.add_argument("--name", default="", help="part of the names of recordings that are taken")
+    parser.add_argument("--longest", type=float, default=LONGEST, help="s; longer stretches are cut")
+    asked = parser.parse_args()
+    for label, (rows, vehicle) in sorted(traces(asked.mined, asked.name, asked.longest).items()):
+        if len(rows) < LEAST:
+            print(f"{label}: {len(rows)} traces, {LEAST} are needed")
+            continue
+        held_out(label, rows, vehicle)
+        correlated(label, rows, vehicle)
+
+
+if __name__ == "__main__":
+    main()
