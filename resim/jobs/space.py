@@ -289,8 +289,8 @@ def _calibration(
 
 
 def _whole(space: Space) -> set[str]:
-    """Recordings that were mined for the space, by content: which of its scenarios are of them is not known."""
-    return {content for one in space.sources for content in one.recordings}
+    """Recordings that were mined for the space, by their tracks: which of its scenarios are of them is not known."""
+    return {tracks for one in space.sources for tracks in one.recordings}
 
 
 def _mined_whole(space: Space, spared: Sequence[SimulatedRun]) -> Iterator[str]:

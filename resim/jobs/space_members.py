@@ -17,6 +17,7 @@ from resim.core.errors import InputError
 from resim.core.files import relative
 from resim.jobs.space_recordings import RecordingReader, SimulatedRecording
 from resim.mining.slots import slot_frame
+from resim.recordings.content import tracks_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_toml
 from resim.simulation.vehicles.kinematic import Kinematic
 from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
@@ -262,20 +263,25 @@ def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
     Returns:
         Slots by recording, their buckets, and which scenarios of the space they are.
     """
-    own = {
-        os.path.realpath(folder): str(name)
-        for folder, name in zip(space.rows["folder"], space.rows["scenario"], strict=True) if folder
-    }  # fmt: skip
-    drives, scenarios = dict[str, SimulatedRecording](), dict[str, str]()
-    for one in given:
-        for key, drive in one.recordings.items():
-            drives[key] = drive
-            scenarios[key] = scenarios.get(key) or own.get(os.path.realpath(drive.folder), "")
-    keys = sorted(drives)
+    drives = {key: drive for one in given for key, drive in one.recordings.items()}
+    keys, scenarios = sorted(drives), _scenarios(space, drives)
     names = bucket_names(pd.DataFrame([drives[key].place for key in keys]), space.settings) if keys else []
     frames = [drives[key].slots for key in keys] or [slot_frame([], [])]
     traces = from_frame(pd.concat(frames, ignore_index=True))
     return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios)
+
+
+def _scenarios(space: Space, drives: Mapping[str, SimulatedRecording]) -> dict[str, str]:
+    """Which scenario of the space each recording is, by key, "" for none: by its folder, or as a copy of one."""
+    own = {
+        os.path.realpath(folder): str(name)
+        for folder, name in zip(space.rows["folder"], space.rows["scenario"], strict=True) if folder
+    }  # fmt: skip
+    found = {key: own.get(os.path.realpath(drive.folder), "") for key, drive in drives.items()}
+    if not all(found.values()):
+        there = {tracks_hash(Path(folder)): name for folder, name in own.items() if Path(folder).is_dir()}
+        found |= {key: there.get(key, "") for key, name in found.items() if not name}
+    return found
 
 
 def one_build(given: Sequence[tuple[Path, Simulated]]) -> Simulated:

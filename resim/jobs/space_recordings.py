@@ -24,8 +24,7 @@ class SimulatedRecording:
 
     Attributes:
         folder: Where it is.
-        key: Hash of its content; of several with the same GT and map, that of the one that was read first: copies under
-            other names are one drive.
+        key: Hash of its GT, EGO and map: copies under other names are one drive.
         build: Hash of the build that drove it, "" for a person or where nobody says.
         collided: Whether its EGO collides in the measured drive; None where somebody may have been hit unseen.
         broke_off: Whether the drive ended before its time.
@@ -58,7 +57,6 @@ class RecordingReader:
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, str], SimulatedRecording] = {}
-        self._first: dict[str, str] = {}
 
     def read(self, folder: Path, content: str) -> SimulatedRecording:
         """Give what a space asks of a recording.
@@ -76,8 +74,7 @@ class RecordingReader:
         key = os.path.realpath(folder), content
         if key not in self._known:
             refuse_changed(folder, content)
-            first = self._first.setdefault(tracks_hash(folder), content)
-            self._known[key] = _simulated(folder, read_recording(folder), first)
+            self._known[key] = _simulated(folder, read_recording(folder), tracks_hash(folder))
         return self._known[key]
 
 

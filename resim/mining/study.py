@@ -44,7 +44,7 @@ from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording, read_tables
 from resim.recordings.checked import finding_lines, load_checked
-from resim.recordings.content import content_hash
+from resim.recordings.content import content_hash, tracks_hash
 from resim.recordings.tables import read_parquet
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.results import write_json, write_parquet
@@ -65,6 +65,7 @@ class MinedPart:
         recording: Its name.
         folder: Where it was read, seen from the study's folder.
         content: Hash of what it holds.
+        tracks: Hash of its GT, EGO and map, which copies under other names share.
         key: Of thresholds and options.
         objects: How many there are.
         hours: Vehicle hours [h] on lanes.
@@ -91,6 +92,7 @@ class MinedPart:
     recording: str
     folder: str
     content: str
+    tracks: str
     key: str
     objects: int
     hours: float
@@ -259,7 +261,8 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     for table, rows in zip(PART_TABLES, (*frames, slots), strict=True):
         write_parquet(rows, part / f"{table}.parquet")
     write_recording_page(mined, name, frames, out)
-    return _write_mark(summary(mined, name, seen_from(out, folder), (content, key)), part / CUT, out)
+    follows_from = content, tracks_hash(folder), key
+    return _write_mark(summary(mined, name, seen_from(out, folder), follows_from), part / CUT, out)
 
 
 def _kept(part: Path, out: Path, content: str, key: str) -> MinedPart | None:
@@ -325,8 +328,11 @@ def seen_from(out: Path, folder: Path) -> str:
     return relative(folder.resolve(), out.resolve())
 
 
-def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[str, str]) -> MinedPart:
-    """Give what was found in a recording, in numbers. follows_from: hash of its content, key of the options."""
+def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[str, str, str]) -> MinedPart:
+    """Give what was found in a recording, in numbers.
+
+    follows_from: hash of its content, of its GT, EGO and map, and key of the options.
+    """
     samples, found = mined.features.samples, mined.features
     on = (found.row >= 0) & samples.kinds(VEHICLES)
     same = np.diff(samples.piece_of) == 0
@@ -339,7 +345,8 @@ def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[s
     counts = Counter(per_ego.get(int(row), 0) for row in np.flatnonzero(drives))
     first, last = samples.tracks.span()
     return MinedPart(
-        recording=name, folder=folder, content=follows_from[0], key=follows_from[1],
+        recording=name, folder=folder, content=follows_from[0], tracks=follows_from[1],
+        key=follows_from[2],
         objects=len(samples.tracks),
         hours=float(dt.sum()) / 3600.0, kilometres=float(way.sum()) / 1000.0,
         labels=dict(sorted(Counter(m.label for m in mined.maneuvers).items())), scenarios=len(mined.scenarios),

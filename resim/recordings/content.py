@@ -23,10 +23,11 @@ def content_hash(folder: Path) -> str:
 
 
 def tracks_hash(folder: Path) -> str:
-    """Give the SHA-256 of a recording's GT and map alone, which copies under other names share. Raises InputError."""
+    """Give the SHA-256 of a recording's GT, EGO and map, which copies under other names share. Raises InputError."""
     settings = read_settings(folder / SETTINGS)
     files = {p.name: file_hash(p) for p in folder.iterdir() if p.name in ("gt.csv", "gt.parquet")}
-    return hash_of_hashes(files, file_hash(folder / settings.map))
+    told = hash_of_hashes(files, file_hash(folder / settings.map))
+    return hashlib.sha256(f"{told} {settings.ego}".encode()).hexdigest()
 
 
 def refuse_changed(folder: Path, digest: str | None) -> None:

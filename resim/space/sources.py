@@ -37,7 +37,7 @@ class DrivenRecording:
         map: Name and beginning of the hash of its map, "" where nobody says.
         ego: Id of the recording's own EGO.
         build: Hash of the build that drove it, "" for a person or where nobody says.
-        content: Hash of its content, "" where nobody says.
+        tracks: Hash of its GT, EGO and map, which copies under other names share.
         accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario; 1
             where nobody says that it did not collide.
     """
@@ -48,7 +48,7 @@ class DrivenRecording:
     map: str
     ego: str
     build: str
-    content: str = ""
+    tracks: str = ""
     accidents: int = 0
 
 
@@ -143,7 +143,7 @@ def _driven(part: Mapping[str, Any], egos: str) -> DrivenRecording:
     return DrivenRecording(
         str(part["recording"]), math.nan if hours is None else float(hours),
         math.nan if way is None else float(way), part.get("map") or "", part.get("ego") or "",
-        part.get("build_hash") or "", part.get("content") or "",
+        part.get("build_hash") or "", str(part["tracks"]),
     )  # fmt: skip
 
 

@@ -197,6 +197,22 @@ def test_tables_that_were_changed_are_refused(tmp_path: Path, mined: list[Path])
         read_mined(tmp_path / "mined")
 
 
+def test_a_copy_of_a_drive_under_another_name_does_not_count_twice(tmp_path: Path, mined: list[Path]) -> None:
+    """It would make kinds that were seen once into such that were seen twice."""
+    first = mined[0].parent / "r1"
+    shutil.copytree(first, tmp_path / "copy")
+    told = tmp_path / "copy" / "recording.toml"
+    told.write_text(
+        told.read_text()
+        .replace('name = "r1"', 'name = "another"')
+        .replace('map = "', f'map = "{first.as_posix()}/')
+    )
+    assert "another" in told.read_text()
+    mine([tmp_path / "copy"], tmp_path / "mined", MineOptions(write=False, accept=("OVERLAP",)))
+    with pytest.raises(InputError, match="recording another is in the space already"):
+        job.build([mined[0], tmp_path / "mined"], tmp_path / "space")
+
+
 @pytest.mark.parametrize("last", [8.0, 4.96, 4.8])
 def test_a_collision_in_no_scenario_is_an_accident_of_the_build(tmp_path: Path, last: float) -> None:
     """The EGO drives into a standing car 5 s after its begin, which is recorded, or recorded up to there, or not."""

@@ -115,8 +115,8 @@ def test_a_drive_is_in_a_space_once_and_names_may_be_those_of_another_source(tmp
     write_space(built, tmp_path)
     again, _ = read_space(tmp_path)
     assert len(set(again.rows["scenario"])) == 12
-    first = replace(one, recordings=(replace(one.recordings[0], content="abc"),))
-    mined_again = replace(other, recordings=(replace(other.recordings[0], content="abc"),))
+    first = replace(one, recordings=(replace(one.recordings[0], tracks="abc"),))
+    mined_again = replace(other, recordings=(replace(other.recordings[0], tracks="abc"),))
     with pytest.raises(InputError, match="recording day is in the space already"):
         build_space([first, mined_again])
     with pytest.raises(InputError, match="recording day is in the space already"):

@@ -14,7 +14,14 @@ from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
 from resim.jobs.space import _calibration, _mined_whole
-from resim.jobs.space_members import Simulated, SpaceReading, _of_verification, _runs, accidents
+from resim.jobs.space_members import (
+    Simulated,
+    SpaceReading,
+    _of_verification,
+    _runs,
+    accidents,
+    driven_traces,
+)
 from resim.jobs.space_recordings import RecordingReader
 from resim.recordings.content import content_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
@@ -323,7 +330,7 @@ def test_a_recording_that_could_not_be_verified_is_not_left_out(tmp_path: Path) 
     found = _of_verification(tmp_path, report, how)  # type: ignore[arg-type]
     assert [(one.collided, np.isnan(one.risk)) for one in found.runs] == [(None, True)]
     assert "--vehicle single-track" in found.runs[0].repeat
-    assert accidents([found]) == {failed.hash}
+    assert accidents([found]) == set(found.recordings)
     report.recordings = [replace(failed, hash=None)]
     with pytest.raises(InputError, match="could not be read"):
         _of_verification(tmp_path, report, how)  # type: ignore[arg-type]
@@ -390,7 +397,10 @@ def test_copies_under_other_names_are_one_drive(tmp_path: Path) -> None:
     hashes = [content_hash(tmp_path / name) for name in names]
     keys = [reader.read(tmp_path / name, key).key for name, key in zip(names, hashes, strict=True)]
     assert len(set(hashes)) == 3
-    assert keys == [hashes[0], hashes[0], hashes[2]]
+    assert keys[0] == keys[1] != keys[2]
+    told.write_text(told.read_text().replace('ego = "ego"', 'ego = "1"'))
+    assert reader.read(tmp_path / "b", content_hash(tmp_path / "b")).key not in keys  # around somebody else
+    told.write_text(told.read_text().replace('ego = "1"', 'ego = "ego"'))
     build = SimpleNamespace(hash="b", label="b-1", path="b.toml")
     inputs = SimpleNamespace(
         against=None,
@@ -408,6 +418,23 @@ def test_copies_under_other_names_are_one_drive(tmp_path: Path) -> None:
     how = SpaceReading(tmp_path / "space", reader)
     found = _of_verification(tmp_path, SimpleNamespace(inputs=inputs, recordings=entries), how)  # type: ignore[arg-type]
     assert len({run.same for run in found.runs}) == len(found.recordings) == 2
+
+
+def test_a_copy_of_a_scenario_is_that_scenario(space: Space, tmp_path: Path) -> None:
+    """Else a copy that is held out would be predicted by what its original did."""
+    for name in ("own", "copy"):
+        (tmp_path / name).mkdir()
+        write_drive(tmp_path / name, 60.0, "b")
+    told = tmp_path / "copy" / "recording.toml"
+    told.write_text(told.read_text().replace('name = "d"', 'name = "another"'))
+    rows = space.rows.assign(
+        folder=[str(tmp_path / "own"), str(tmp_path / "lost"), *[""] * (len(space.rows) - 2)]
+    )
+    name = str(rows["scenario"].iloc[0])
+    for folder in (tmp_path / "own", tmp_path / "copy"):
+        drive = RecordingReader().read(folder, content_hash(folder))
+        there = Simulated((), (), {drive.key: drive}, "", "b", "", "")
+        assert driven_traces(replace(space, rows=rows), [there]).scenario == {drive.key: name}
 
 
 @pytest.mark.parametrize(
