@@ -235,11 +235,12 @@ def not_mined(space: Space, accidents: Iterable[str], known: DrivenTraces) -> in
 
 
 def _origins(space: Space, recording: str, cluster: str, known: DrivenTraces) -> SlotTraces:
-    """The slots of a recording and of the medoid of its cluster."""
+    """The slots of a recording, and of the medoid of its cluster unless that one leaves the lanes."""
     own = known.traces.take(_there(known.traces.rows_of([recording])))
     if not cluster:
         return own
-    medoid = space.rows["scenario"][(space.rows["cluster"] == cluster) & space.rows["medoid"]]
+    is_medoid = (space.rows["cluster"] == cluster) & space.rows["medoid"] & ~space.traces.off_lane
+    medoid = space.rows["scenario"][is_medoid]
     return joined([own, space.traces.take(_there(space.traces.rows_of(medoid.astype(str).tolist())))])
 
 

@@ -102,6 +102,25 @@ def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Spa
     assert judged_members(space, [RUN], [DRIVE], traces, 0.1).iloc[0]["counts"]
 
 
+def test_a_medoid_that_leaves_the_lanes_is_near_nobody(space: Space) -> None:
+    """Its empty slots are no free road, so a drive on a free road does not speak for its cluster."""
+    rows = space.rows[space.rows["cluster"] == "1.1"]
+    (row,) = space.traces.rows_of(rows["scenario"][rows["medoid"]].astype(str).tolist())
+    drive = replace(space.traces.take([row]), names=np.array(["drive"]))
+    run = lasting(drawn(KINDS[3], "run", np.random.default_rng(0)), int(drive.scenes[0]))
+    name = str(rows["scenario"].iloc[0])
+    known_to_all = DrivenTraces(
+        joined([run, drive]), {"run": BUCKET, "drive": BUCKET}, {"run": name, "drive": ""}
+    )
+    lane = space.traces.lane.copy()
+    lane[space.traces.first[row]] = -1
+    off = replace(space, traces=replace(space.traces, lane=lane))
+    counts = [
+        judged_members(one, [RUN], [DRIVE], known_to_all, 0.1).iloc[0]["counts"] for one in (space, off)
+    ]
+    assert counts == [True, False]
+
+
 @pytest.mark.parametrize(("seconds", "counts"), [(1.0, False), (4.0, False), (7.9, True), (20.0, True)])
 def test_a_drive_legitimises_no_more_than_it_lasted_for(space: Space, seconds: float, counts: bool) -> None:
     """Over its first second a cut-out is as near to following as can be."""
