@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from resim.space.traces import SLOTS, SlotTraces
@@ -55,4 +57,13 @@ def drawn(kind: str, name: str, rng: np.random.Generator, spread: float = 1.0) -
         speed,
         np.ones(count, np.intp),
         np.zeros(count),
+    )
+
+
+def lasting(one: SlotTraces, scenes: int) -> SlotTraces:
+    """A scenario that lasts for so many scenes: its last one again, or without the later ones."""
+    k = np.minimum(np.arange(scenes), len(one.lane) - 1)
+    first = np.array([0, scenes], np.intp)
+    return replace(
+        one, first=first, offset=one.offset[k], speed=one.speed[k], lane=one.lane[k], bend=one.bend[k]
     )

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from space.families import drawn
+from space.families import drawn, lasting
 from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
@@ -29,7 +29,7 @@ from resim.space.build import cluster_buckets
 from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
-from resim.space.traces import SlotTraces, joined
+from resim.space.traces import joined
 from resim.verification.entries import FailedRecording
 
 BUCKET = "m-1, road 1 +, 3 lanes, 4 vehicles"
@@ -46,15 +46,6 @@ def known(run: str = KINDS[0], drive: str = KINDS[0], scenario: str = "") -> Dri
     rng = np.random.default_rng(5)
     traces = joined([drawn(run, "run", rng, 0.5), drawn(drive, "drive", rng, 0.5)])
     return DrivenTraces(traces, {"run": BUCKET, "drive": BUCKET}, {"run": scenario, "drive": ""})
-
-
-def lasting(one: SlotTraces, scenes: int) -> SlotTraces:
-    """A scenario that lasts for so many scenes: its last one again, or without the later ones."""
-    k = np.minimum(np.arange(scenes), len(one.lane) - 1)
-    first = np.array([0, scenes], np.intp)
-    return replace(
-        one, first=first, offset=one.offset[k], speed=one.speed[k], lane=one.lane[k], bend=one.bend[k]
-    )
 
 
 def test_a_run_near_a_verified_test_drive_counts(space: Space) -> None:

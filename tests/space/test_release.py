@@ -12,6 +12,7 @@ import pytest
 from browsed import chromium, opened, too_faint
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from space.families import lasting
 from space.spaces import KINDS, source, space_of
 
 from resim.core.errors import InputError
@@ -20,12 +21,13 @@ from resim.space.calibration import reliability
 from resim.space.comparison import compare_spaces, together
 from resim.space.described import report
 from resim.space.limits import ReleaseLimits, read_limits
-from resim.space.members import MEMBER_COLUMNS
+from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, TestDrive, judged_members
 from resim.space.model import Space
 from resim.space.page import write_cover_page, write_release_page
 from resim.space.release import ReleaseReport, decide, release_case, release_checks, verdict_of
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
+from resim.space.traces import joined
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
 HASHES = {"space": "", "cover": "", "limits": ""}
@@ -129,6 +131,26 @@ def some_space(seed: int) -> Space:
     return space_of(kinds, seed=seed, hours=10.0, build="b")
 
 
+def near_drives(space: Space, share: float) -> dict[str, bool]:
+    """Whether a member counts, by cluster, where of the scenario that each is a verified drive holds such a share."""
+    medoid = space.rows[space.rows["medoid"]]
+    own = [space.traces.take([row]) for row in space.traces.rows_of(medoid["scenario"].astype(str).tolist())]
+    names = medoid["cluster"].astype(str).tolist()
+    runs = [SimulatedRun(name, name, "b", "", 0.0, False) for name in names]
+    drives = [TestDrive(f"d{name}", f"d{name}", "b", "", "verified", True) for name in names]
+    there = [replace(one, names=np.array([name])) for one, name in zip(own, names, strict=True)]
+    there += [
+        replace(lasting(one, max(int(share * len(one.lane)), 1)), names=np.array([f"d{name}"]))
+        for one, name in zip(own, names, strict=True)
+    ]
+    keys = [*names, *(f"d{name}" for name in names)]
+    scenario = dict(zip(names, medoid["scenario"].astype(str), strict=True))
+    bucket = dict.fromkeys(keys, str(medoid["bucket"].iloc[0]))
+    known = DrivenTraces(joined(there), bucket, dict.fromkeys(keys, "") | scenario)
+    judged = judged_members(space, runs, drives, known, 0.7)
+    return dict(zip(judged["member"], judged["counts"], strict=True))
+
+
 @settings(deadline=None, max_examples=25)
 @given(
     seed=st.integers(0, 10_000),
@@ -144,6 +166,7 @@ def some_space(seed: int) -> Space:
             "outcome",
             "lanes",
             "unclear",
+            "length",
         ]
     ),
 )
@@ -173,6 +196,11 @@ def test_missing_data_never_make_it_better(seed: int, part: str) -> None:
         calibration = reliability(
             held + unknown * (part == "prediction"), collided + unknown * (part == "outcome")
         )
+    elif part == "length":
+        whole, shorter = (frame["cluster"].map(near_drives(space, share)) for share in (1.0, rng.random()))
+        assert whole.all()
+        assert (whole | ~shorter).all()
+        worse["counts"] &= shorter
     elif part == "lanes":
         off = np.repeat(rng.random(30) < 0.3, space.traces.scenes)
         poorer = replace(space, traces=replace(space.traces, lane=np.where(off, -1, space.traces.lane)))
