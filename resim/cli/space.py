@@ -192,7 +192,8 @@ def release(
             if one.what == "drive"
             else f"simulate {one.amount:g} of {one.medoid}"
         )
-        say(f"next: {what}: at most {one.after:.3g} accidents an hour in place of {one.before:.3g}")
+        first = f" (first {one.first})" if one.first else ""
+        say(f"next: {what}: at most {one.after:.3g} accidents an hour in place of {one.before:.3g}{first}")
     for note in found.notes:
         say(f"note: {note}")
     say(f"{out}: release.html, release.json")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -34,6 +34,8 @@ SENTENCE = (
     "ODD at enough confidence, and the overall risk across these scenarios is low enough to release the function with "
     "enough confidence."
 )
+IN_NO_SCENARIO = "mine what is in no scenario or of no known kind: the limit holds without it"
+"""What comes before any proposal, where there is such."""
 ReleaseVerdict = Literal["good", "bad", "not shown"]
 """`good`: all limits are met with their confidence; `bad`: a limit is exceeded with it; else `not shown`."""
 
@@ -245,14 +247,22 @@ def decide(
     checks = release_checks(case, terms)
     verdict = verdict_of(checks, case.believed, case.unknown)
     forbidding, remaining = _odd(space, case, verdict)
-    plan = test_plan(case.names, case.exposed, case.risk, (case.driven["hour"], limits), _medoids(space))
     return ReleaseReport(
         versions(), {}, hashes["space"], hashes["cover"], hashes["limits"], limits,
         "" if cover is None else cover.label, "" if cover is None else cover.build,
         "" if cover is None else cover.perception, verdict, _statement(case, verdict, checks), checks,
-        tuple(_budget(per, found, case) for per, found in terms.items()), forbidding, remaining, plan,
+        tuple(_budget(per, found, case) for per, found in terms.items()), forbidding, remaining, _plan(space, case),
         tuple(_notes(case, cover)),
     )  # fmt: skip
+
+
+def _plan(space: Space, case: ReleaseCase) -> tuple[PlannedTest, ...]:
+    """What to do next; where something happened in no scenario, it comes first."""
+    asked = case.driven["hour"], case.limits
+    plan = test_plan(case.names, case.exposed, case.risk, asked, _medoids(space), case.seen)
+    if not case.unknown:
+        return plan
+    return tuple(replace(one, first="; ".join(filter(None, (IN_NO_SCENARIO, one.first)))) for one in plan)
 
 
 def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tuple[ReleaseCheck, ...]:

@@ -28,7 +28,7 @@ class PlannedTest:
         cluster: Of which; "" for drives.
         medoid: Its test case.
         amount: Hours, or members that count.
-        before: Upper limit of accidents an hour now.
+        before: Upper limit of accidents an hour now, apart from what happened in no scenario.
         after: The same if all goes as so far: no new kind seen once beyond what is expected, the same mean risk.
         first: What has to come before it, "" for nothing.
     """
@@ -44,19 +44,22 @@ class PlannedTest:
 
 def test_plan(
     names: Sequence[str], exposed: ExposedScenarios, risks: Sequence[RiskLimit],
-    asked: tuple[float, ReleaseLimits], medoids: Mapping[str, str],
+    asked: tuple[float, ReleaseLimits], medoids: Mapping[str, str], whole: ExposedScenarios,
 ) -> tuple[PlannedTest, ...]:  # fmt: skip
-    """Give proposals, the best first. asked: hours driven, and the limits."""
+    """Give proposals, the best first.
+
+    asked: hours driven, and the limits; whole: all that was seen, those of no known kind each of one of its own.
+    """
     hours, limits = asked
     if not hours > 0.0 or not len(exposed.kind):
         return ()
-    before = expected_accidents(exposed, risks, hours, limits.confidence).high
-    out = [PlannedTest("drive", "", "", hours, before, _doubled(exposed, risks, asked), "")]
+    before = expected_accidents(exposed, risks, hours, limits.confidence, whole).high
+    out = [PlannedTest("drive", "", "", hours, before, _doubled(exposed, risks, asked, whole), "")]
     alpha = (1.0 - limits.confidence) / 3.0 / len(names)
     for k, name in enumerate(names):
         better = _more_members(risks[k], alpha)
         changed = [*risks[:k], better, *risks[k + 1 :]]
-        after = expected_accidents(exposed, changed, hours, limits.confidence).high
+        after = expected_accidents(exposed, changed, hours, limits.confidence, whole).high
         first = "" if risks[k].known else "verify a test drive near its test case, and calibrate risk"
         out.append(PlannedTest("simulate", name, medoids[name], float(RUNS), before, after, first))
     ranked = sorted(out, key=lambda one: (one.after, one.what, one.cluster))
@@ -74,15 +77,16 @@ def _more_members(risk: RiskLimit, alpha: float) -> RiskLimit:
 
 
 def _doubled(
-    exposed: ExposedScenarios, risks: Sequence[RiskLimit], asked: tuple[float, ReleaseLimits]
-) -> float:
+    exposed: ExposedScenarios, risks: Sequence[RiskLimit], asked: tuple[float, ReleaseLimits],
+    whole: ExposedScenarios,
+) -> float:  # fmt: skip
     """The upper limit after as many hours again: all as before, and every kind seen once is seen again."""
     hours, limits = asked
     twice = ExposedScenarios(
         np.concatenate([exposed.kind, exposed.kind]), _again(exposed.occasion), exposed.clusters
     )
     found = expected_accidents(twice, risks, 2.0 * hours, limits.confidence)
-    seen_once = unseen_rate(exposed, hours, (1.0 - limits.confidence) / 3.0)
+    seen_once = unseen_rate(whole, hours, (1.0 - limits.confidence) / 3.0)
     # about half of the kinds seen once stay so or are new ones: the unseen share falls as 1 / n at best
     return found.high - found.unseen + 0.5 * seen_once
 

@@ -299,6 +299,17 @@ def test_scenarios_of_unknown_kind_are_no_kind_that_was_seen(seen: Space) -> Non
     assert not any(one.met for one in others)
 
 
+def test_the_plan_leaves_out_nothing_that_the_limit_holds(seen: Space) -> None:
+    lane = np.where(np.arange(len(seen.traces.lane)) < seen.traces.first[40], -1, seen.traces.lane)
+    off = replace(seen, traces=replace(seen.traces, lane=lane))
+    one, other = (decided(space, members(seen, 9, 0.0), limits(0.1)) for space in (seen, off))
+    assert {plan.before for plan in one.plan} == {one.budgets[0].high}
+    (before,) = {plan.before for plan in other.plan}
+    assert before > one.budgets[0].high
+    assert not any("in no scenario" in plan.first for plan in one.plan)
+    assert all("in no scenario" in plan.first for plan in other.plan)
+
+
 def test_what_is_in_no_scenario_is_left_in_any_odd(seen: Space) -> None:
     other = replace(seen, sources=tuple(replace(one, accidents={"b": 50}) for one in seen.sources))
     frame = members(seen, 5000, 0.0)
