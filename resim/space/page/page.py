@@ -43,7 +43,7 @@ def _header(told: SpaceReport) -> Markup:
     threshold = f"by {asked}" if isinstance(asked, str) else f"{asked:g}"
     clusters = sum(len(one.clusters) for one in told.buckets)
     facts = (
-        ("scenarios", f"{told.scenarios} in {len(told.buckets)} buckets"),
+        ("scenarios", f"{told.scenarios} in {counted(len(told.buckets), 'bucket')}"),
         ("clusters", f"{clusters}, {sum(c.members == 1 for b in told.buckets for c in b.clusters)} with one member"),
         ("driven", f"{number(told.hours)} h, {number(told.kilometres)} km by EGOs"),
         ("clustering", f"{settings.linkage} linkage, threshold {threshold}"),
