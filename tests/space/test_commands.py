@@ -209,7 +209,7 @@ def test_a_copy_of_a_drive_under_another_name_does_not_count_twice(tmp_path: Pat
     )
     assert "another" in told.read_text()
     mine([tmp_path / "copy"], tmp_path / "mined", MineOptions(write=False, accept=("OVERLAP",)))
-    with pytest.raises(InputError, match="recording another is in the space already"):
+    with pytest.raises(InputError, match="recording copy is in the space already"):
         job.build([mined[0], tmp_path / "mined"], tmp_path / "space")
 
 
