@@ -218,13 +218,14 @@ def _legitimacy(
 def _apart_at_most(space: Space, ones: SlotTraces, lasts: Ints, drives: SlotTraces) -> Floats:
     """How far scenarios (A,) and drives (B,) are apart at most: (A, B), whatever a drive would have met had it gone on.
 
-    The published distance is of the common time alone, by which a drive of a second would be near to all that begins
-    as it does. lasts: scenes (A,) that a drive has to last for.
+    The published distance is of the common time alone, by which a drive or a medoid of a second would be near to all
+    that begins as it does. lasts: scenes (A,) that both have to last for.
     """
     count, options = len(ones), space.settings.distance
     both = PairDistances(joined([ones, drives]), options)
     apart = both.between(np.arange(count), np.arange(count, count + len(drives)))
-    shared = np.minimum(drives.scenes[None, :] / lasts[:, None], 1.0)
+    common = np.minimum(drives.scenes[None, :], ones.scenes[:, None])
+    shared = np.minimum(common / lasts[:, None], 1.0)
     return shared * apart + (1.0 - shared) * options.longest
 
 
@@ -264,7 +265,8 @@ def clusters_of(space: Space, known: DrivenTraces) -> dict[str, str]:
 
 
 def _placed(space: Space, bucket: str, traces: SlotTraces) -> list[str]:
-    """Clusters of recordings of a bucket, "" for none."""
+    """Clusters of recordings of a bucket, "" for none, as for who lasts less than all scenarios of a cluster: over its
+    first second every cut-out is following, and harmless."""
     own = np.flatnonzero(space.rows["bucket"].to_numpy(str) == bucket)
     if not len(own):
         return [""] * len(traces)
@@ -277,4 +279,7 @@ def _placed(space: Space, bucket: str, traces: SlotTraces) -> list[str]:
     rows = np.arange(len(own), len(own) + len(traces))
     threshold = space.links[bucket].threshold
     found, _ = place_rows(pairs, rows, FrozenClusters(members, medoid), space.settings.linkage, threshold)
-    return [str(names[k]) if k >= 0 else "" for k in found.tolist()]
+    scenes = space.traces.scenes[own]
+    shortest = [int(scenes[rows].min()) for rows in members]
+    placed = zip(found.tolist(), traces.scenes.tolist(), strict=True)
+    return [str(names[k]) if k >= 0 and lasts >= shortest[k] else "" for k, lasts in placed]

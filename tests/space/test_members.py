@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from space.families import drawn, lasting
 from space.spaces import KINDS, space_of
 
@@ -124,14 +126,71 @@ def test_a_drive_legitimises_no_more_than_it_lasted_for(space: Space, seconds: f
     assert found["counts"] == counts
     assert counts or "time that it did not last for counts as far as can be" in found["why"]
     # a medoid that is as short as the drive is near to it, and the run lasts longer
-    name = str(space.rows["scenario"][space.rows["medoid"] & (space.rows["cluster"] == "1.1")].iloc[0])
-    of_short = replace(
-        space, traces=joined([
-            lasting(one, round(5.0 * seconds)) if one.names[0] == name else one
-            for one in (space.traces.take([k]) for k in range(len(space.traces)))
-        ])
-    )  # fmt: skip
+    of_short = with_medoid(space, round(5.0 * seconds))
     assert judged_members(of_short, [RUN], [DRIVE], cut_out, 0.7).iloc[0]["counts"] == counts
+
+
+def with_medoid(space: Space, scenes: int) -> Space:
+    """The space where the medoid of 1.1 lasts for so many scenes."""
+    name = str(space.rows["scenario"][space.rows["medoid"] & (space.rows["cluster"] == "1.1")].iloc[0])
+    each = [space.traces.take([k]) for k in range(len(space.traces))]
+    return replace(
+        space, traces=joined([lasting(one, scenes) if one.names[0] == name else one for one in each])
+    )
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    scenes=st.lists(st.integers(1, 60), min_size=4, max_size=4), kinds=st.tuples(*[st.sampled_from(KINDS[:4])] * 2)
+)  # fmt: skip
+def test_what_is_shorter_legitimises_nothing_more(
+    space: Space, scenes: list[int], kinds: tuple[str, str]
+) -> None:
+    """A drive or a medoid without its end says less, of whatever it is."""
+    run, drive, less, medoid = scenes
+    rng = np.random.default_rng(7)
+    tracks = lasting(drawn(kinds[0], "run", rng, 0.1), run), drawn(kinds[1], "drive", rng, 0.1)
+    cluster = {"run": str(space.rows["scenario"].iloc[0]), "drive": ""}
+
+    def apart(lasts: int, of_medoid: int) -> float:
+        there = DrivenTraces(
+            joined([tracks[0], lasting(tracks[1], lasts)]), {"run": BUCKET, "drive": BUCKET}, cluster
+        )
+        return float(
+            judged_members(with_medoid(space, of_medoid), [RUN], [DRIVE], there, 0.7)["drive_distance"].iloc[
+                0
+            ]
+        )
+
+    assert apart(min(drive, less), 40) >= apart(drive, 40) - 1e-12
+    if run >= medoid:
+        assert apart(drive, min(medoid, less)) >= apart(drive, medoid) - 1e-12
+
+
+def test_a_medoid_of_a_second_makes_no_run_near(space: Space) -> None:
+    """It is near to whatever begins as it does, on both sides."""
+    rng = np.random.default_rng(3)
+    follows = lasting(drawn(KINDS[0], "drive", rng, 0.1), 40)
+    goes_on = lasting(drawn(KINDS[3], "run", rng, 0.1), 40)
+    cluster = {"run": str(space.rows["scenario"].iloc[0]), "drive": ""}
+    there = DrivenTraces(joined([goes_on, follows]), {"run": BUCKET, "drive": BUCKET}, cluster)
+    counts = [
+        judged_members(with_medoid(space, scenes), [RUN], [DRIVE], there, 0.7)["counts"].iloc[0]
+        for scenes in (40, 5)
+    ]
+    assert counts == [True, False]
+
+
+@pytest.mark.parametrize(("seconds", "cluster"), [(1.0, ""), (7.8, "1.1")])
+def test_who_lasts_less_than_all_of_a_cluster_is_not_of_it(
+    space: Space, seconds: float, cluster: str
+) -> None:
+    """A second of a scenario is harmless, and says nothing of its end."""
+    drive = drawn(KINDS[0], "drive", np.random.default_rng(3), 0.1)
+    run = lasting(drawn(KINDS[0], "run", np.random.default_rng(3), 0.1), round(5.0 * seconds))
+    there = DrivenTraces(joined([run, drive]), {"run": BUCKET, "drive": BUCKET}, {"run": "", "drive": ""})
+    assert clusters_of(space, there)["run"] == cluster
+    assert judged_members(space, [RUN], [DRIVE], there, 0.7)["counts"].iloc[0] == bool(cluster)
 
 
 def test_who_is_on_no_lane_is_near_nobody(space: Space) -> None:
