@@ -60,7 +60,7 @@ def _by_color(
     """Links up to the threshold in alternating colours, cluster by cluster from the left; those above in grey."""
     below = y.max(axis=1) <= threshold
     out = [(ABOVE, (x[~below], y[~below]))] if (~below).any() else []
-    order = np.argsort(x[below].mean(axis=1), kind="stable")
+    order = np.argsort(x[below].min(axis=1), kind="stable")
     xs, ys = x[below][order], y[below][order]
     group, right = np.zeros(len(xs), dtype=int), -np.inf
     for k in range(len(xs)):  # links of one cluster overlap from left to right
