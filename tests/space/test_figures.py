@@ -15,5 +15,5 @@ def test_a_cluster_has_one_colour_in_the_dendrogram() -> None:
     told = dendrogram(links, no_plot=True)
     found = _by_color(np.array(told["icoord"]), np.array(told["dcoord"]), links, 10.0)
     assert [len(x) for _, (x, _) in found] == [2, 19, 19, 19]
-    assert [color for color, _ in found][0] == ABOVE
+    assert found[0][0] == ABOVE
     assert len({color for color, _ in found}) == 4
