@@ -276,7 +276,7 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
     assert decided(of_another, frame, limits(0.1)).verdict == "good"
 
 
-def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space) -> None:
+def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space, tmp_path: Path) -> None:
     frame = members(seen, 5000, 0.0)
     assert [one.met for one in decided(seen, frame, limits(0.1)).checks] == [True, True]
     other = replace(seen, sources=tuple(replace(one, accidents={"b": 50}) for one in seen.sources))
@@ -285,6 +285,10 @@ def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space) -> Non
     assert (check.name, check.met, check.exceeded) == ("accidents by hour", False, False)
     assert np.isnan([check.high, found.budgets[0].high, found.remaining.high]).all()
     assert "accidents by hour: not known, asked for 0.1" in found.statement
+    write_release_page(found, None, tmp_path)
+    told = (tmp_path / "release.html").read_text(encoding="utf-8")
+    assert "accidents an hour: not known" in told
+    assert "at most –" not in told
 
 
 def test_scenarios_of_unknown_kind_are_no_kind_that_was_seen(seen: Space) -> None:

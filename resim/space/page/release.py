@@ -40,7 +40,7 @@ def write_release_page(found: ReleaseReport, cover: CoverReport | None, folder: 
 
 def _checks(checks: tuple[ReleaseCheck, ...]) -> Markup:
     rows = [
-        [one.name, number(one.value), f"{number(one.low)} to {number(one.high)}", number(one.limit),
+        [one.name, number(one.value), _interval(one), number(one.limit),
          "met" if one.met else "exceeded" if one.exceeded else "not shown", one.source]
         for one in checks
     ]  # fmt: skip
@@ -48,15 +48,24 @@ def _checks(checks: tuple[ReleaseCheck, ...]) -> Markup:
     return table(heads, rows, "checks reasons")
 
 
+def _interval(one: ReleaseCheck) -> str:
+    upper = number(one.high) if np.isfinite(one.high) else "not known"
+    return f"{number(one.low)} to {upper}"
+
+
 def _budgets(budgets: tuple[AccidentBudget, ...]) -> Markup:
     rows = [
-        [one.per, _known(one), f"at most {number(one.thin)}",
-         f"at most {number(one.unseen)}", f"at most {number(one.high)}", number(one.limit)]
+        [one.per, _known(one), _at_most(one.thin), _at_most(one.unseen), _at_most(one.high),
+         number(one.limit)]
         for one in budgets
     ]  # fmt: skip
     heads = ["by", "clusters with known risk", "clusters without (each scenario an accident)",
              "kinds not seen (each scenario an accident)", "all", "limit"]  # fmt: skip
     return table(heads, rows)
+
+
+def _at_most(value: float) -> str:
+    return f"at most {number(value)}" if np.isfinite(value) else "not known"
 
 
 def _known(one: AccidentBudget) -> str:
@@ -86,9 +95,9 @@ def _remaining(found: ReleaseReport) -> Markup:
         "not even that is enough: kinds that were not seen, and what is in no scenario, cannot be left out"
     )  # fmt: skip
     return html(
-        "<p>{}, {} of what comes; at most {} accidents an hour: {}.</p>", counted(left.clusters, "cluster"),
+        "<p>{}, {} of what comes; accidents an hour: {}; {}.</p>", counted(left.clusters, "cluster"),
         percent(left.share),
-        number(left.high), enough,
+        _at_most(left.high), enough,
     )  # fmt: skip
 
 
