@@ -204,6 +204,14 @@ def items_with(catalog: Catalog, ids: Sequence[str]) -> list[LakeItem]:
         return items_of(connection, ids)
 
 
+def items_below(catalog: Catalog, folder: str, most: int) -> list[LakeItem]:
+    """Give what lies at a path or below, by path, at most so many."""
+    below = or_(ITEM.c.folder == folder, and_(*begins(ITEM.c.folder, f"{folder}/")))
+    with catalog.connected() as connection:
+        found = select(ITEM.c.id).where(below).order_by(ITEM.c.folder, ITEM.c.id).limit(most)
+        return items_of(connection, connection.scalars(found).all())
+
+
 def facts_of(catalog: Catalog, ids: Sequence[str], facet: str) -> dict[str, list[str]]:
     """Give the names of the facts of one facet, by id."""
     found: dict[str, list[str]] = {}

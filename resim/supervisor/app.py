@@ -30,7 +30,6 @@ from starlette.types import ASGIApp
 from resim import __version__
 from resim.core.errors import InputError, ResimError
 from resim.supervisor import actions, words
-from resim.supervisor.documents import find_document
 from resim.supervisor.events import stream
 from resim.supervisor.forms import FormError
 from resim.supervisor.guard import DOCUMENT_POLICY, Guard
@@ -40,7 +39,7 @@ from resim.supervisor.packing import packed_chain
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.runner import LOG
 from resim.supervisor.views import PAGES
-from resim.supervisor.views.common import MissingError, folder_of, task_of
+from resim.supervisor.views.common import MissingError, document_of, task_of
 
 LATER = 5
 """By how much pages come after tasks where there are not enough cores for both."""
@@ -206,7 +205,7 @@ def _sealed(supervisor: Supervisor) -> Callable[[Request], Response]:
 
     def found(request: Request) -> Response:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
-        find_document(folder_of(supervisor, kind, name), path)
+        document_of(supervisor, kind, name, path)
         seal = supervisor.access.page_seal(f"{kind}/{name}", request.state.visitor)
         return RedirectResponse(str(request.url.replace(path=f"/pages/{seal}/{kind}/{name}/{path}")), 303)
 
@@ -218,13 +217,14 @@ def _document(supervisor: Supervisor) -> Callable[[Request], Response]:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
         if not supervisor.access.is_page_seal(f"{kind}/{name}", request.path_params["seal"]):
             return refusal(403, "This address is no longer good. Open the page from its result again.")
-        document = find_document(folder_of(supervisor, kind, name), path)
+        document = document_of(supervisor, kind, name, path)
         headers = {
             "content-security-policy": DOCUMENT_POLICY, "cross-origin-resource-policy": "cross-origin",
             "cross-origin-opener-policy": "unsafe-none",
             "referrer-policy": "no-referrer",
         }  # fmt: skip
-        return FileResponse(document.path, media_type=document.type, headers=headers)
+        kept_as = None if document.is_shown else document.path.name
+        return FileResponse(document.path, media_type=document.type, headers=headers, filename=kept_as)
 
     return _missing(found)
 

@@ -97,14 +97,14 @@ def test_a_job_is_started_watched_and_found_again(
     page = opened(address, token)
     wait_for_scan(page, address)
     page.goto(f"{address}/jobs/play")
-    page.select_option("#f-drives", label="cut_in_brake – scenarios")
+    page.select_option("#f-drives", label="recording cut_in_brake – scenarios")
     page.click("text=Start >> nth=-1")
     page.wait_for_url("**/tasks/*")
     task = page.url
     page.locator("#log", has_text="player:").wait_for()  # as it is written
     page.locator(".badge", has_text="done").wait_for()
     with page.context.expect_page() as found:
-        page.click("a:text-is('play.html')")
+        page.click("a.button:text-is('cut_in_brake.html')")
     player = found.value
     player.wait_for_selector("#player")
     assert player.title() == "cut_in_brake · player"
