@@ -47,8 +47,8 @@ class LakeQuery:
     """What is looked for; "", () or None for anything.
 
     Attributes:
-        text: Beginnings of words of its name, its path or the names of what it follows from; or the first digits of
-            an id or a hash, four or more.
+        text: Beginnings of words of its name (of a recording that in its recording.toml, too), its path or the names
+            of what it follows from; or the first digits of an id or a hash, four or more.
         kinds: Of which kind it is.
         tag: Beginning of KEY=VALUE in a recording's provenance.
         maneuver: Beginning of a label that was mined in it.
