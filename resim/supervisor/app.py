@@ -63,7 +63,7 @@ def _templates() -> Environment:
         lstrip_blocks=True,
     )  # fmt: skip
     env.filters.update(moment=words.moment, size=words.size, tone=words.tone, coded=words.coded)
-    env.globals.update(span=words.span, version=__version__)
+    env.globals.update(span=words.span, age=words.age, version=__version__)
     return env
 
 

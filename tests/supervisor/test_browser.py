@@ -123,6 +123,29 @@ def test_a_job_is_started_watched_and_found_again(
     assert "player:" in page.inner_text("#log")
 
 
+def test_a_quiet_task_counts_on_and_its_buttons_keep_apart(
+    opened: Callable[..., Any], served: Callable[..., Any], catalog: str, tmp_path: Path
+) -> None:
+    _, address, token = served()
+    queue, name = TaskQueue(Catalog(catalog)), new_id()
+    queue.host = "elsewhere"  # nobody here does it
+    queue.add(name, "check", ("check", "--", "/nothing"), str(tmp_path / "tasks" / name))
+    page = opened(address, token, viewport={"width": 400, "height": 900})
+    page.goto(f"{address}/tasks")
+    page.route("**/tasks", lambda route: route.abort())  # without asking the server
+    told = page.locator("[data-age]")
+    first = told.inner_text()
+    page.wait_for_function("first => document.querySelector('[data-age]').textContent !== first", arg=first)
+    assert told.inner_text().endswith(" s")
+    boxes = [one.bounding_box() for one in page.locator(".acts button").all()]
+    assert len(boxes) == 5
+    for k, a in enumerate(boxes):
+        for b in boxes[k + 1 :]:
+            aside = max(b["x"] - a["x"] - a["width"], a["x"] - b["x"] - b["width"])
+            below = max(b["y"] - a["y"] - a["height"], a["y"] - b["y"] - b["height"])
+            assert max(aside, below) >= 4.0
+
+
 @pytest.mark.slow
 def test_a_task_is_cancelled_by_one_and_seen_by_another(
     opened: Callable[..., Any], served: Callable[..., Any], tmp_path: Path
