@@ -31,7 +31,7 @@ class SupervisorSettings:
     """What a Supervisor is made of.
 
     forms: of all jobs that may be started. tasks: folder of the logs and results of tasks. audit: file that tells who
-    did what. jobs: tasks at once.
+    did what. jobs: tasks at once. note: what the first page says while tasks are unfinished.
     """
 
     catalog: Catalog
@@ -41,6 +41,7 @@ class SupervisorSettings:
     door: Door
     audit: Path
     jobs: int = 1
+    note: str = ""
 
 
 class Supervisor:

@@ -20,6 +20,7 @@ from resim.results.lake import LakeItem, LakePage, LakeQuery, find_page
 from resim.results.queue import QueuedTask
 from resim.supervisor.builds import build_id
 from resim.supervisor.documents import Document, files_in, find_document
+from resim.supervisor.growth import TaskProgress, task_progress
 from resim.supervisor.parts import Supervisor
 
 EACH = 50
@@ -137,6 +138,12 @@ def unfinished_by_state(supervisor: Supervisor) -> dict[str, list[QueuedTask]]:
     for one in supervisor.queue.unfinished():
         found[one.state].append(one)
     return found
+
+
+def progress_of(running: Iterable[QueuedTask]) -> dict[str, TaskProgress]:
+    """Give how far running tasks are, by id; those that say so."""
+    found = {task.id: task_progress(Path(task.folder)) for task in running}
+    return {name: progress for name, progress in found.items() if progress is not None}
 
 
 def starts_with(supervisor: Supervisor, item: LakeItem | CatalogEntry) -> dict[str, list[tuple[str, str]]]:

@@ -22,6 +22,7 @@ from resim.supervisor.views.common import (
     first_of,
     link_to,
     paging,
+    progress_of,
     task_of,
     text_of,
     unfinished_by_state,
@@ -31,10 +32,12 @@ from resim.supervisor.views.common import (
 def tasks(supervisor: Supervisor, request: Request) -> Told:
     """What runs, what waits, and what ended."""
     first, counts = first_of(request), supervisor.queue.counts()
+    unfinished = unfinished_by_state(supervisor)
     ended = supervisor.queue.ended(first, EACH)
     count = sum(n for state, n in counts.items() if state in ENDED)
     return "tasks.html", {
-        **unfinished_by_state(supervisor), "ended": ended, "paging": paging(request, first, len(ended), count),
+        **unfinished, "ended": ended, "paging": paging(request, first, len(ended), count),
+        "progress": progress_of(unfinished["running"]),
         "kept": [form.name for form in supervisor.settings.forms if form.kept],
     }  # fmt: skip
 
