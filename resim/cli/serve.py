@@ -28,7 +28,10 @@ criteria = "scenarios/criteria/highway.toml"
 [[recording]]
 folder = "scenarios/cut_in_brake"
 """
-DEMO_NOTE = "This lake fills while you look. On a machine that never ran resim, the first tasks compile it, which takes a minute."
+DEMO_NOTE = (
+    "This lake fills while you look. On a machine that never ran resim, the first tasks compile it, which takes "
+    "a minute or two."
+)
 DEMO_JOBS = 2
 """Tasks of the demo at once: the first ones compile different kernels, which takes longest."""
 NEEDED = ("starlette", "uvicorn", "jinja2", "psutil")

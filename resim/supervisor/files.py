@@ -9,6 +9,7 @@ import hashlib
 import os
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from pathlib import Path
 
 from resim.recordings.settings import SETTINGS
@@ -41,9 +42,23 @@ def loose_files(roots: Sequence[Path], patterns: Sequence[str]) -> Iterator[Path
         found += [here.parent] if any(_is_called(name, patterns, "././") for name in names) else []
         for path in found:
             inside = any(path.is_relative_to(root) for root in roots)
-            if inside and path not in given and not (path.suffix in _KNOWN and input_kind(path) is not None):
+            if inside and path not in given and not (path.suffix in _KNOWN and _is_known(path)):
                 given.add(path)
                 yield path
+
+
+def _is_known(path: Path) -> bool:
+    """Whether a file is one that the lake knows; it is read once, until it changes."""
+    try:
+        found = path.stat()
+    except OSError:
+        return True
+    return _is_kind(path, found.st_mtime_ns, found.st_size)
+
+
+@lru_cache(maxsize=10_000)
+def _is_kind(path: Path, stamp: int, size: int) -> bool:
+    return input_kind(path) is not None
 
 
 def _is_called(name: str, patterns: Sequence[str], begin: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +23,7 @@ from resim.supervisor.files import file_id, loose_files
 from resim.supervisor.forms import FormField, JobForm
 from resim.supervisor.growth import SweepsSoFar
 from resim.supervisor.guard import Door
+from resim.supervisor.kept import KeptPages
 from resim.supervisor.worker import Worker
 
 
@@ -57,11 +58,16 @@ class Supervisor:
         self.changes = Changes(self)
         self.audit = AuditTrail(settings.audit)
         self.sweeps = SweepsSoFar()
+        self.kept = KeptPages()
 
     @cached_property
     def forms(self) -> dict[str, JobForm]:
         """All forms by name."""
         return {form.name: form for form in self.settings.forms}
+
+    def version(self) -> Hashable:
+        """Give what is another one after every change of what lists show."""
+        return self.catalog.version(), self.queue.version(), self.changes.scanned, self.worker.fault
 
     def files(self, *kinds: ItemKind, most: int) -> list[LakeItem]:
         """Give the files of this machine that jobs may be given, by name, at most so many."""
