@@ -126,6 +126,16 @@ def test_results_are_listed_filtered_and_paged(user: Any, known: Catalog) -> Non
     assert "No result fits" in user.get("/results?text=100%25").text
 
 
+def test_what_is_never_judged_is_not_said_to_be_not_judged(user: Any, known: Catalog) -> None:
+    told = {"verdict": "", "counts": {"scenarios": 1, "recordings": 2}, "outcomes": ()}
+    known.add(one := entry("cut_in_brake", kind="mining", **told), entry("swept", 2, kind="sweep", **told))
+    page = user.get("/results").text
+    assert page.count("not judged") == 1
+    assert "1 scenario, 2 recordings" in page
+    assert "<td>mining</td>" in page
+    assert "not judged" not in user.get(f"/results/{one.id}").text.partition("<h2>")[0]
+
+
 def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
     supervisor: Any, user: Any, known: Catalog
 ) -> None:
