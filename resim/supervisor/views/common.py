@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ EACH = 50
 """Rows of a page."""
 MOST_OUTCOMES = 500
 RESULTS = tuple(KINDS)
+ID = re.compile("[0-9a-f]{16}")
+"""Of a task."""
 Told = tuple[str, dict[str, Any]]
 
 
@@ -198,6 +201,8 @@ def at_paths(supervisor: Supervisor, paths: Iterable[str]) -> dict[str, LakeItem
 def maker_of(supervisor: Supervisor, folder: Path) -> QueuedTask | None:
     """Give the task that wrote something, None where none did."""
     for above in [*folder.parents][:3]:
+        if not ID.fullmatch(above.name):
+            continue
         with suppress(InputError):
             found = supervisor.queue.get(above.name)
             if Path(found.folder) == above:
