@@ -49,6 +49,8 @@ PAGES = (
     "/lake?text=pilot",
     "/jobs/run",
 )
+ROUNDS = 3
+"""Sweeps without and with users, in turns."""
 CLIENTS = 8
 """That ask at once, without a pause."""
 
@@ -173,13 +175,14 @@ async def ask(address: str, token: str, users: int, running: asyncio.Event) -> l
 
 
 def load(folder: Path, users: int) -> None:
-    """Run a sweep as a task, with and without users, and say how long pages and sweeps took."""
+    """Run sweeps as tasks, in turns with and without users, and say how long pages and sweeps took."""
     catalog = Catalog(os.environ["RESIM_CATALOG"])
     queue, tasks = TaskQueue(catalog), folder / "tasks"
     fill(catalog, 2000)
     server, address, token = start(tasks, 1)
     process = psutil.Process(server.pid)
-    sweep, times, took = ROOT / "scenarios" / "sweeps" / "perception_latency.toml", {}, []
+    sweep, took = ROOT / "scenarios" / "sweeps" / "perception_latency.toml", list[float]()
+    times: dict[str, list[float]] = {}
 
     async def with_users(name: str) -> list[float]:
         over, begin, before = asyncio.Event(), time.monotonic(), sum(process.cpu_times()[:2])
@@ -188,29 +191,29 @@ def load(folder: Path, users: int) -> None:
             await asyncio.sleep(0.5)
         over.set()
         found = await asking
-        times["share"] = (sum(process.cpu_times()[:2]) - before) / (time.monotonic() - begin)
+        share = (sum(process.cpu_times()[:2]) - before) / (time.monotonic() - begin)
+        times.setdefault("share", []).append(share)
         return found
 
-    for which in ("warm", "without", "with"):
+    for which in ("warm", *("without", "with") * ROUNDS):
         name = put(queue, tasks, "sweep", "run", "--workers=1", str(sweep), out=True)
         if which == "with":
-            took = asyncio.run(with_users(name))
+            took += asyncio.run(with_users(name))
         while (task := queue.get(name)).state in ("waiting", "running"):
             time.sleep(0.2)
         assert task.ended is not None
         assert task.begun is not None
-        times[which] = task.ended - task.begun
+        times.setdefault(which, []).append(task.ended - task.begun)
     memory = process.memory_info().rss / 1e6
     end(server)
     middle, late = statistics.median(took), statistics.quantiles(took, n=20)[-1]
-    print(
-        "\n| users | pages | median | 95 % | sweep without [s] | sweep with [s] | server, of a core | server [MB] |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
-    print(
-        f"| {users} | {len(took)} | {1e3 * middle:.0f} ms | {1e3 * late:.0f} ms | {times['without']:.1f} | "
-        f"{times['with']:.1f} | {100 * times['share']:.0f} % | {memory:.0f} |", flush=True,
-    )  # fmt: skip
+    slower = [100.0 * (b / a - 1.0) for a, b in zip(times["without"], times["with"], strict=True)]
+    told = [", ".join(f"{one:.1f}" for one in times[which]) for which in ("without", "with")]
+    head = "users | pages | median | 95 % | sweeps without [s] | with [s] | slower, median | server, of a core | [MB]"
+    row = f"{users} | {len(took)} | {1e3 * middle:.0f} ms | {1e3 * late:.0f} ms | {told[0]} | {told[1]}"
+    share = 100.0 * statistics.median(times["share"])
+    print(f"\n| {head} |\n|---|---|---|---|---|---|---|---|---|")
+    print(f"| {row} | {statistics.median(slower):.1f} % | {share:.0f} % | {memory:.0f} |", flush=True)
 
 
 def memory(folder: Path, requests: int) -> None:

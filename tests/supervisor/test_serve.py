@@ -101,3 +101,12 @@ def test_the_demo_fills_a_lake_within_a_minute(served: Callable[..., Any]) -> No
             60.0,
         )
         assert "re-simulated" in client.get("/experiments?state=bad").text
+
+
+def test_no_answer_waits_for_an_acknowledgement() -> None:
+    from resim.supervisor.server import _bound
+
+    with _bound("127.0.0.1", 0) as listening, socket.create_connection(listening.getsockname()):
+        accepted, _ = listening.accept()
+        with accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
