@@ -76,7 +76,7 @@ def _form(name: str, offered: OfferedJob) -> JobForm:
     told = offered.help or (inspect.getdoc(offered.job) or "").split("\n\n")[0].replace("\n", " ")
     return JobForm(
         name, offered.words, told, tuple(fields + [_NAME] * bool(offered.out)), offered.out, offered.suffix,
-        offered.again, offered.kept, offered.entered, offered.group,
+        offered.again, offered.kept, offered.entered, offered.group, offered.fresh,
     )  # fmt: skip
 
 

@@ -40,6 +40,7 @@ class OfferedJob:
         required: Parameters that the command asks for itself, as it has another way to be called.
         patterns: By parameter how files are called that the lake does not know.
         help: What it does, where its function does not say so.
+        fresh: Whether it refuses a result that is there already.
     """
 
     words: tuple[str, ...]
@@ -54,6 +55,7 @@ class OfferedJob:
     required: tuple[str, ...] = ()
     patterns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     help: str = ""
+    fresh: bool = False
 
 
 _DRIVE, _BUILD, _SPACE, _MAKE = "One drive", "Builds and many runs", "Scenarios and spaces", "New drives"
@@ -71,7 +73,7 @@ def _imports() -> Iterator[tuple[str, OfferedJob]]:
     for form in FORMATS:
         patterns = {form.file: form.patterns, **{option.name: option.patterns for option in form.options}}
         yield f"import-{form.name}", OfferedJob(
-            ("import", form.name), format_command(form), _IMPORT, entered=True, patterns=patterns,
+            ("import", form.name), format_command(form), _IMPORT, entered=True, fresh=True, patterns=patterns,
             help=f"Turn {form.source} into a recording.",
         )  # fmt: skip
 
@@ -81,7 +83,7 @@ OFFERED: Mapping[str, OfferedJob] = {
     "assess": OfferedJob(("assess", "drive"), assess, _DRIVE),
     "check": OfferedJob(("check",), check, _DRIVE, out="", only=("recording",)),
     "repair": OfferedJob(
-        ("check",), check, _DRIVE, out="--fix", entered=True,
+        ("check",), check, _DRIVE, out="--fix", entered=True, fresh=True,
         help="Repair a recording: examine it, and write a copy in which what is safe to repair is repaired.",
     ),
     "play": OfferedJob(("play",), play, _DRIVE, suffix=".html"),
@@ -90,7 +92,7 @@ OFFERED: Mapping[str, OfferedJob] = {
         ("verify",), verify, _BUILD, out="", only=("replay", "workers"), required=("replay",),
         help="Repeat a verification with all that it was made with, and compare the bytes.",
     ),
-    "suite": OfferedJob(("suite", "new"), suite.new, _BUILD, suffix=".toml", entered=True),
+    "suite": OfferedJob(("suite", "new"), suite.new, _BUILD, suffix=".toml", entered=True, fresh=True),
     "sweep": OfferedJob(("sweep", "run"), sweep, _BUILD, again=("--resume",), kept=True),
     "sweep-estimate": OfferedJob(
         ("sweep", "run", "--dry-run"), sweep, _BUILD,
@@ -106,9 +108,9 @@ OFFERED: Mapping[str, OfferedJob] = {
     "space-release": OfferedJob(("space", "release"), space.release, _SPACE),
     "space-compare": OfferedJob(("space", "compare"), space.compare, _SPACE),
     "vary": OfferedJob(("vary", "drive"), vary, _MAKE),
-    "augment": OfferedJob(("augment",), augment, _MAKE, entered=True),
-    "generate": OfferedJob(("generate",), generate, _MAKE, entered=True),
-    "traffic": OfferedJob(("traffic",), traffic, _MAKE, entered=True),
+    "augment": OfferedJob(("augment",), augment, _MAKE, entered=True, fresh=True),
+    "generate": OfferedJob(("generate",), generate, _MAKE, entered=True, fresh=True),
+    "traffic": OfferedJob(("traffic",), traffic, _MAKE, entered=True, fresh=True),
     "kernels": OfferedJob(("vary", "train"), train_kernels, _LEARN, suffix=".json", entered=True),
     "train": OfferedJob(("perception", "train"), perception.train, _LEARN, suffix=".json", entered=True),
     "show-model": OfferedJob(("perception", "show"), perception.show, _LEARN, out=""),
@@ -120,7 +122,7 @@ OFFERED: Mapping[str, OfferedJob] = {
     "map-plot": OfferedJob(("map", "plot"), maps.plot, _MAP, suffix=".html"),
     **dict(_imports()),
     "import-guess": OfferedJob(
-        ("import", "guess"), guess, _IMPORT, suffix=".toml", patterns={"file": TABLES, "sensor": TABLES}
+        ("import", "guess"), guess, _IMPORT, suffix=".toml", fresh=True, patterns={"file": TABLES, "sensor": TABLES}
     ),
     **dict(_exports()),
 }  # fmt: skip

@@ -61,7 +61,7 @@ Page = Callable[[Supervisor, Request], tuple[str, dict[str, Any]]]
 def _templates() -> Environment:
     env = Environment(
         loader=PackageLoader("resim.supervisor"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
+        lstrip_blocks=True, auto_reload=False,
     )  # fmt: skip
     env.filters.update(moment=words.moment, size=words.size, tone=words.tone, coded=words.coded)
     env.globals.update(span=words.span, age=words.age, static=_address, version=__version__)
@@ -165,6 +165,8 @@ def _action(
         except ResimError as e:
             note(f"refused: {e}")
             raise
+        finally:
+            supervisor.look_again()
         note(f"done: {there}")
         return RedirectResponse(there, 303)
 

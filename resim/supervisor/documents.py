@@ -22,8 +22,8 @@ TYPES = {
 """Of files that are given, by suffix: those of recordings, maps, results and exports."""
 SHOWN = 5_000_000
 """Bytes of the largest file that a browser shows itself; pages aside."""
-MOST_FILES, DEEPEST = 200, 3
-"""Files of a folder that are listed, and levels of folders in it."""
+MOST_FILES, MOST_SEEN, DEEPEST = 200, 5_000, 3
+"""Files of a folder that are listed, and looked at, and levels of folders in it."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,13 @@ def files_in(folder: Path, left_out: Iterable[str] = ()) -> list[tuple[str, int]
     left_out: names of files right in it. Of very many the first.
     """
     found: list[tuple[str, int]] = []
-    if not folder.is_dir():
-        return found
+    seen = 0
     for where, folders, names in os.walk(folder):
         here = Path(where).relative_to(folder)
         folders[:] = sorted(n for n in folders if len(here.parts) + 1 < DEEPEST and is_utf8(Path(n)))
+        seen += len(names)
+        if seen > MOST_SEEN:
+            return found
         for name in sorted(names):
             told = (here / name).as_posix()
             if not is_utf8(Path(name)) or (here == Path() and name in left_out):

@@ -72,7 +72,8 @@ class JobForm:
     name: in addresses. words: of the command. help: what it does. fields: its parameters. out: option of the folder or
     file for its results, "" for none, and suffix: of that file, "" for a folder. again: words that a further attempt
     has besides. kept: whether a further attempt goes on where the one before was stopped. entered: whether the result
-    is to be registered in the lake, as its command does not do that. group: what jobs it belongs to.
+    is to be registered in the lake, as its command does not do that. group: what jobs it belongs to. fresh: whether the
+    command refuses a result that is there already.
     """
 
     name: str
@@ -85,6 +86,7 @@ class JobForm:
     kept: bool = False
     entered: bool = False
     group: str = ""
+    fresh: bool = False
 
     def result(self, words: Sequence[str]) -> Path | None:
         """Give the folder or file for the results of a command line of this form, None where there is none."""

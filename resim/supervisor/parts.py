@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import time
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,6 +27,9 @@ from resim.supervisor.growth import SweepsSoFar
 from resim.supervisor.guard import Door
 from resim.supervisor.kept import KeptPages
 from resim.supervisor.worker import Worker
+
+NOTICED = 0.2
+"""s after which a change by another process, or by a task, is seen at the latest."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +58,13 @@ class Supervisor:
         self.catalog, self.access = settings.catalog, settings.access
         self.overview = CatalogOverview(settings.catalog)
         self.queue = TaskQueue(settings.catalog)
-        self.worker = Worker(self.queue, settings.jobs, self._entered)
+        self.worker = Worker(self.queue, settings.jobs, self._told)
         self.experiments = Experiments(self.catalog, self.queue)
         self.changes = Changes(self)
         self.audit = AuditTrail(settings.audit)
         self.sweeps = SweepsSoFar()
         self.kept = KeptPages()
+        self._version: tuple[float, Hashable] = (-math.inf, None)
 
     @cached_property
     def forms(self) -> dict[str, JobForm]:
@@ -66,8 +72,17 @@ class Supervisor:
         return {form.name: form for form in self.settings.forms}
 
     def version(self) -> Hashable:
-        """Give what is another one after every change of what lists show."""
-        return self.catalog.version(), self.queue.version(), self.changes.scanned, self.worker.fault
+        """Give what is another one after every change of what lists show: what others change is seen a moment later."""
+        now = time.monotonic()
+        looked, found = self._version
+        if now > looked + NOTICED:
+            found = self.catalog.version(), self.queue.version()
+            self._version = now, found
+        return found, self.changes.scanned, self.worker.fault
+
+    def look_again(self) -> None:
+        """Note that something was changed here: who asks next sees it."""
+        self._version = -math.inf, None
 
     def files(self, *kinds: ItemKind, most: int) -> list[LakeItem]:
         """Give the files of this machine that jobs may be given, by name, at most so many."""
@@ -108,6 +123,9 @@ class Supervisor:
         form = self.forms.get(task.job)
         return None if form is None else form.result(task.words)
 
-    def _entered(self, task: QueuedTask) -> str:
+    def _told(self, task: QueuedTask) -> dict[str, str]:
+        """What the process of a task has to know of its result."""
         form, made = self.forms.get(task.job), self.made_by(task)
-        return str(made) if form is not None and form.entered and made is not None else ""
+        if form is None or made is None:
+            return {}
+        return {name: str(made) for name in ("entered", "fresh") if getattr(form, name)}

@@ -44,12 +44,21 @@ def run(folder: Path) -> int:
     write_whole(folder / BEGUN, {"attempt": attempt, "process": process_name(), "began": time.time()})
     for name in (LIVE, PROGRESS):
         (folder / name).unlink(missing_ok=True)
+    if attempt > 1 and "fresh" in told:
+        _put_aside(Path(told["fresh"]))
     code = _call(folder, told["words"], attempt)
-    if code in (0, 1) and told.get("made"):
-        _call(folder, ["lake", "add", "--", told["made"]])  # in the lake it can be given to the next job
+    if code in (0, 1) and "entered" in told:
+        _call(folder, ["lake", "add", "--", told["entered"]])  # in the lake it can be given to the next job
     (folder / LIVE).unlink(missing_ok=True)
     write_whole(folder / EXIT, {"attempt": attempt, "code": code, "ended": time.time()})
     return 0
+
+
+def _put_aside(made: Path) -> None:
+    """Give what an attempt before made another name: nothing is deleted."""
+    if os.path.lexists(made):
+        names = (made.with_name(f"{made.stem}.before-{k}{made.suffix}") for k in range(1, 10_000))
+        made.rename(next(name for name in names if not os.path.lexists(name)))
 
 
 def _call(folder: Path, words: list[str], attempt: int = 1) -> int:

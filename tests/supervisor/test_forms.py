@@ -267,6 +267,13 @@ def test_what_a_job_made_is_in_the_lake_and_leads_to_what_it_came_from(
     (drive,) = [f for f in supervisor.files("recording", most=9) if f.name == "cut_in_brake"]
     assert f'href="/experiments/{drive.id}"' in suite
     assert "ours" in [name.partition(" ")[0] for name in offered(user, "verify", "suite")]
+    (task,) = supervisor.queue.ended(0, 9)
+    supervisor.queue.retry(task.id)  # its command refuses to write over what is there
+    waited(lambda: (supervisor.worker.look(), not supervisor.queue.unfinished())[1])
+    assert supervisor.queue.get(task.id).state == "done"
+    names = ("ours.toml", "ours.before-1.toml")
+    once, twice = ((Path(task.folder) / name).read_text("utf-8") for name in names)
+    assert once == twice
 
 
 def test_files_that_the_lake_does_not_know_are_chosen_by_number(

@@ -46,6 +46,23 @@ def test_a_list_is_made_once_for_many_and_anew_after_every_change(
     assert "the disk is full" in user.get("/tasks").text
 
 
+def test_what_somebody_does_is_seen_at_once_and_what_others_do_a_moment_later(
+    supervisor: Any, user: Any, seal: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("resim.supervisor.parts.NOTICED", 1e9)
+    supervisor.queue.add(name := new_id(), "check", ("check",), f"/tasks/{name}")
+    supervisor.look_again()
+    assert name[:6] in user.get("/tasks").text
+    supervisor.queue.pause(name)
+    assert "<h2>Paused" not in user.get("/tasks").text
+    headers = {"origin": "http://127.0.0.1:8765"}
+    assert user.post(f"/tasks/{name}/cancel", data={"seal": seal}, headers=headers).status_code == 303
+    assert "cancelled" in user.get("/tasks").text
+    supervisor.queue.retry(name)
+    monkeypatch.setattr("resim.supervisor.parts.NOTICED", 0.0)
+    assert "Nothing waits" not in user.get("/tasks").text
+
+
 def test_a_list_is_made_anew_after_a_moment(
     user: Any, made: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
