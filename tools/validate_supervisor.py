@@ -280,7 +280,7 @@ class Asking:
                 self._sent(other, "/events").readline()
                 other.close()
             else:
-                path = self._chance.choice(self._things if which < 0.2 else PAGES)
+                path = self._chance.choice(self._things if which < 0.1 else PAGES)
                 if which < 0.0205 and "experiments" in path:
                     path = path.replace("experiments", "crate")
                 answer = self._sent(held, path)
