@@ -62,7 +62,7 @@ def _commands() -> MutableMapping[str, Any]:
 
     made = typer.Typer(rich_markup_mode=None)
     for form in FORMATS:
-        command(made, form.name, help=f"Import from {form.source}.")(_command(form))
+        command(made, form.name, help=f"Import from {form.source}.")(format_command(form))
     command(made, "guess")(guess)
     return typer.main.get_group(made).commands
 
@@ -108,8 +108,8 @@ def guess(
         say(f"  {line}")
 
 
-def _command(form: RecordingFormat) -> Callable[..., None]:
-    """The function behind a command: it takes the format's file, what every import takes, and the format's options."""
+def format_command(form: RecordingFormat) -> Callable[..., None]:
+    """Give the function behind a command: it takes the format's file, what every import takes, the format's options."""
 
     def convert(
         *, map_file: Map, ego: Ego, out: Out, start: Start = None, end: End = None, **own: Any
@@ -133,9 +133,10 @@ def _command(form: RecordingFormat) -> Callable[..., None]:
 
 
 def _parameter(option: FormatOption) -> Parameter:
-    default = typer.Option(... if option.required else None, help=option.help, metavar=option.metavar)
     kind = option.type if option.required else option.type | None
-    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+    told = Annotated[kind, typer.Option(help=option.help, metavar=option.metavar)]  # type: ignore[valid-type]
+    default = Parameter.empty if option.required else None
+    return Parameter(option.name, Parameter.KEYWORD_ONLY, default=default, annotation=told)
 
 
 def _write(found: Recording | RecordingTables, file: Path, out: Path) -> None:

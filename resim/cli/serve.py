@@ -28,6 +28,12 @@ criteria = "scenarios/criteria/highway.toml"
 [[recording]]
 folder = "scenarios/cut_in_brake"
 """
+DEMO_NOTE = (
+    "This lake fills while you look. On a machine that never ran resim, the first tasks compile it, which takes "
+    "a minute or two."
+)
+DEMO_JOBS = 2
+"""Tasks of the demo at once: the first ones compile different kernels, which takes longest."""
 NEEDED = ("starlette", "uvicorn", "jinja2", "psutil")
 
 
@@ -86,7 +92,10 @@ def serve(
     with _demo_lake() if demo else nullcontext() as example:
         given = (*(folders or ()), *([] if example is None else [example]))
         at = ServeAddress(host, port, allow_remote, certificate, proxy)
-        _serve(given, at, tasks, jobs, no_open)
+        work = TaskSettings(tasks, jobs)
+        if demo:
+            work = TaskSettings(tasks, max(jobs, min(DEMO_JOBS, os.cpu_count() or 1)), DEMO_NOTE)
+        _serve(given, at, work, no_open)
 
 
 @dataclass(frozen=True)
@@ -100,7 +109,16 @@ class ServeAddress:
     proxy: str
 
 
-def _serve(folders: tuple[Path, ...], at: ServeAddress, tasks: Path | None, jobs: int, no_open: bool) -> None:
+@dataclass(frozen=True)
+class TaskSettings:
+    """Where tasks are done, how many at once, and what the first page says of them: as `ServeOptions`."""
+
+    folder: Path | None
+    jobs: int
+    note: str = ""
+
+
+def _serve(folders: tuple[Path, ...], at: ServeAddress, work: TaskSettings, no_open: bool) -> None:
     from resim.cli.job_forms import job_forms
     from resim.results.catalog import user_catalog
     from resim.results.database import VARIABLE, data_folder
@@ -109,7 +127,15 @@ def _serve(folders: tuple[Path, ...], at: ServeAddress, tasks: Path | None, jobs
 
     data = data_folder()
     options = ServeOptions(
-        folders, at.host, at.port, tasks or data / "tasks", jobs, at.remote, at.certificate, at.proxy
+        folders,
+        at.host,
+        at.port,
+        work.folder or data / "tasks",
+        work.jobs,
+        at.remote,
+        at.certificate,
+        at.proxy,
+        work.note,
     )
     if (catalog := user_catalog()) is None:
         raise InputError(VARIABLE, "switches the catalog off", "Unset it, or name a file or database.")
@@ -148,14 +174,15 @@ def _demo_lake() -> Iterator[Path]:
         )
         build = f"--build={example / 'adfunc' / 'builds' / 'highway_pilot-1.0.toml'}"
         criteria = f"--criteria={example / 'scenarios' / 'criteria' / 'highway.toml'}"
-        for job, *words in (
-            ("run", drive, build, criteria),
-            ("mine", drive),
-            ("verify", example / "two.toml", build),
+        for job, called, *words in (
+            ("assess", drive.name, "drive", drive, criteria),
+            ("run", drive.name, drive, build, criteria),
+            ("mine", drive.name, drive),
+            ("verify", "two", example / "two.toml", build),
         ):
             name = new_id()
             task = data_folder() / "tasks" / name
-            queue.add(name, job, [job, *map(str, words), f"--out={task / 'result'}"], str(task))
+            queue.add(name, job, [job, *map(str, words), f"--out={task / called}"], str(task))
         yield example
 
 

@@ -35,6 +35,7 @@ from resim.core.faults import describe
 from resim.results.database import REMEDY, address, engine, inserting, prepare, shown, where
 from resim.results.entry import (
     KINDS,
+    NAME,
     CatalogEntry,
     CatalogFact,
     CatalogInput,
@@ -226,7 +227,8 @@ def put(connection: Connection, entry: CatalogEntry) -> None:
         if table is OUTCOME:
             told = [{**one, "hash": content.get(one["recording"], "")} for one in told]
         _replace(connection, table, entry.id, told)
-    words = words_of(entry.name, str(entry.folder), *(i.name for i in entry.inputs))
+    own = [f.name for f in entry.facts if f.facet == NAME]
+    words = words_of(entry.name, str(entry.folder), *own, *(i.name for i in entry.inputs))
     _replace(connection, WORD, entry.id, [{"word": word, "item": entry.id} for word in words])
 
 

@@ -38,6 +38,8 @@ KINDS: dict[ItemKind, tuple[str, FolderKind]] = {
 assessment, too."""
 
 
+NAME = "name"
+"""Facet of the name that a recording gives itself, beside that of its folder."""
 REPORT = "report"
 """Facet of a run's report.json, by whose hash assessments of the run name it."""
 
@@ -84,8 +86,9 @@ class CatalogOutcome:
 class CatalogFact:
     """Something that is known of a recording, a scenario or a result.
 
-    hash: of the content that it is true of, "" for the entry itself. facet: table, weather, tag, finding, maneuver,
-    scenarios, risk, member, report. name: which; value: how much, how often, None where that says nothing.
+    hash: of the content that it is true of, "" for the entry itself. facet: name (that a recording gives itself),
+    table, weather, tag, finding, maneuver, scenarios, risk, member, report. name: which; value: how much, how often,
+    None where that says nothing.
     """
 
     facet: str

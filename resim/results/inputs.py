@@ -18,7 +18,7 @@ from resim.core.errors import InputError, ResimError
 from resim.core.files import file_hash, joined
 from resim.core.sealed import read_sealed
 from resim.recordings.settings import SETTINGS, Settings, read_settings
-from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, InputKind, digest, stamps
+from resim.results.entry import NAME, CatalogEntry, CatalogFact, CatalogInput, InputKind, digest, stamps
 from resim.results.reading import written
 
 LARGEST = 1_000_000
@@ -104,7 +104,13 @@ def _recording(folder: Path) -> _Contents:
         inputs.append(CatalogInput("drove", settings.build, hash=settings.build_hash or ""))
     mined, origin = _origin(folder)
     tables = [CatalogFact("table", name) for name in _TABLES if _has_table(folder, name)]
-    facts = [*tables, *_weather(settings), *_tags(settings), *_findings(folder)]
+    facts = [
+        CatalogFact(NAME, settings.name),
+        *tables,
+        *_weather(settings),
+        *_tags(settings),
+        *_findings(folder),
+    ]
     content = content_hash(folder)
     return _Contents(
         folder.name, content, (*inputs, *origin), tuple(replace(fact, hash=content) for fact in facts),

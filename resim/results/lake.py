@@ -47,8 +47,8 @@ class LakeQuery:
     """What is looked for; "", () or None for anything.
 
     Attributes:
-        text: Beginnings of words of its name, its path or the names of what it follows from; or the first digits of
-            an id or a hash, four or more.
+        text: Beginnings of words of its name (of a recording that in its recording.toml, too), its path or the names
+            of what it follows from; or the first digits of an id or a hash, four or more.
         kinds: Of which kind it is.
         tag: Beginning of KEY=VALUE in a recording's provenance.
         maneuver: Beginning of a label that was mined in it.
@@ -202,6 +202,14 @@ def items_with(catalog: Catalog, ids: Sequence[str]) -> list[LakeItem]:
     """Give what has these ids, in this order; those that there are."""
     with catalog.connected() as connection:
         return items_of(connection, ids)
+
+
+def items_below(catalog: Catalog, folder: str, most: int) -> list[LakeItem]:
+    """Give what lies at a path or below, by path, at most so many."""
+    below = or_(ITEM.c.folder == folder, and_(*begins(ITEM.c.folder, f"{folder}/")))
+    with catalog.connected() as connection:
+        found = select(ITEM.c.id).where(below).order_by(ITEM.c.folder, ITEM.c.id).limit(most)
+        return items_of(connection, connection.scalars(found).all())
 
 
 def facts_of(catalog: Catalog, ids: Sequence[str], facet: str) -> dict[str, list[str]]:

@@ -10,9 +10,9 @@ from starlette.requests import Request
 
 from resim.core.errors import InputError
 from resim.results.queue import new_id
-from resim.supervisor.forms import FormError, command_line
+from resim.supervisor.forms import FormError, FormField, command_line
 from resim.supervisor.parts import Supervisor
-from resim.supervisor.views.common import MissingError, result_folder, task_of
+from resim.supervisor.views.common import MissingError, task_of
 
 MOST_WAITING = 10_000
 """Tasks that may wait or pause."""
@@ -27,13 +27,11 @@ def start(supervisor: Supervisor, request: Request) -> str:
     name = new_id()
     folder = supervisor.settings.tasks / name
 
-    def path_of(given: str, kinds: tuple[str, ...]) -> Path:
-        if "result" in kinds and given.startswith("result-"):
-            return result_folder(supervisor, given.removeprefix("result-"))
+    def path_of(given: str, field: FormField) -> Path:
         try:
-            return Path(supervisor.file(given, kinds).folder)
+            return supervisor.path_of(given, field)
         except InputError as e:
-            raise FormError(str(e)) from e
+            raise FormError(f"{field.name}: {e}") from e
 
     words = command_line(form, request.state.form, path_of, folder)
     supervisor.queue.add(name, form.name, words, str(folder), form.again)

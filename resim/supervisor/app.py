@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
@@ -30,7 +31,6 @@ from starlette.types import ASGIApp
 from resim import __version__
 from resim.core.errors import InputError, ResimError
 from resim.supervisor import actions, words
-from resim.supervisor.documents import find_document
 from resim.supervisor.events import stream
 from resim.supervisor.forms import FormError
 from resim.supervisor.guard import DOCUMENT_POLICY, Guard
@@ -39,8 +39,8 @@ from resim.supervisor.live import roads_around
 from resim.supervisor.packing import packed_chain
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.runner import LOG
-from resim.supervisor.views import PAGES
-from resim.supervisor.views.common import MissingError, folder_of, task_of
+from resim.supervisor.views import KEPT, PAGES
+from resim.supervisor.views.common import MissingError, document_of, task_of
 
 LATER = 5
 """By how much pages come after tasks where there are not enough cores for both."""
@@ -61,10 +61,10 @@ Page = Callable[[Supervisor, Request], tuple[str, dict[str, Any]]]
 def _templates() -> Environment:
     env = Environment(
         loader=PackageLoader("resim.supervisor"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
+        lstrip_blocks=True, auto_reload=False,
     )  # fmt: skip
     env.filters.update(moment=words.moment, size=words.size, tone=words.tone, coded=words.coded)
-    env.globals.update(span=words.span, version=__version__)
+    env.globals.update(span=words.span, age=words.age, static=_address, version=__version__)
     return env
 
 
@@ -100,7 +100,10 @@ def make_app(supervisor: Supervisor) -> ASGIApp:
         Route("/live/{name}/roads", _roads(supervisor), methods=["GET"]),
         Route("/open/{kind}/{name}/{path:path}", _sealed(supervisor), methods=["GET"]),
         Route("/pages/{seal}/{kind}/{name}/{path:path}", _document(supervisor), methods=["GET"]),
-        *(Route(path, _page(supervisor, page), methods=["GET"]) for path, page in PAGES.items()),
+        *(
+            Route(path, _page(supervisor, page, path in KEPT), methods=["GET"])
+            for path, page in PAGES.items()
+        ),
         *(Route(path, _action(supervisor, act), methods=["POST"]) for path, act in actions.ACTIONS.items()),
     ]
     app = Starlette(
@@ -124,17 +127,22 @@ def _broken(request: Request, e: Exception) -> Response:
     return refusal(500, f"There is an error in resim: {type(e).__name__}. The server's output has more.")
 
 
-def _page(supervisor: Supervisor, page: Page) -> Callable[[Request], Response]:
+def _page(supervisor: Supervisor, page: Page, is_kept: bool = False) -> Callable[[Request], Response]:
     def shown(request: Request) -> Response:
-        template, values = page(supervisor, request)
-        visitor = request.state.visitor
+        visitor, kept = request.state.visitor, supervisor.kept
+
+        def made(seal: str) -> str:
+            template, values = page(supervisor, request)
+            told = {"seal": seal, "path": request.url.path, "query": "", "visitor": visitor}
+            return rendered(template, fault=supervisor.worker.fault, **(told | values))
+
         seal = (
             supervisor.access.form_seal(request.state.session) if visitor.may_change else ""
         )  # forms are shown with it alone
-        told = {
-            "seal": seal, "path": request.url.path, "query": "", "fault": supervisor.worker.fault, "visitor": visitor
-        }  # fmt: skip
-        return HTMLResponse(rendered(template, **(told | values)))
+        if not is_kept:
+            return HTMLResponse(made(seal))
+        key = (visitor, request.url.path, request.url.query, supervisor.version())
+        return HTMLResponse(kept.page(key, lambda: made(seal and kept.mark)).replace(kept.mark, seal))
 
     return shown
 
@@ -157,6 +165,8 @@ def _action(
         except ResimError as e:
             note(f"refused: {e}")
             raise
+        finally:
+            supervisor.look_again()
         note(f"done: {there}")
         return RedirectResponse(there, 303)
 
@@ -164,10 +174,25 @@ def _action(
 
 
 def _static(request: Request) -> Response:
-    if (found := _STATIC.get(request.path_params["name"])) is None:
+    """A file of the look, which a browser keeps: its address has the version of its content."""
+    if (name := request.path_params["name"]) not in _STATIC:
         raise HTTPException(404, "There is no such file.")
-    package, name, kind = found
-    return Response(files(package).joinpath(name).read_text("utf-8"), media_type=kind)
+    text, version = _look(name)
+    is_kept = request.query_params.get("v") == version
+    headers = {"cache-control": "public, max-age=31536000, immutable"} if is_kept else {}
+    return Response(text, media_type=_STATIC[name][2], headers=headers)
+
+
+@cache
+def _look(name: str) -> tuple[str, str]:
+    """The text of a file of the look, and the version of it."""
+    package, path, _ = _STATIC[name]
+    text = files(package).joinpath(path).read_text("utf-8")
+    return text, hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _address(name: str) -> str:
+    return f"/static/{name}?v={_look(name)[1]}"
 
 
 def _crate(supervisor: Supervisor) -> Callable[[Request], Response]:
@@ -206,7 +231,7 @@ def _sealed(supervisor: Supervisor) -> Callable[[Request], Response]:
 
     def found(request: Request) -> Response:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
-        find_document(folder_of(supervisor, kind, name), path)
+        document_of(supervisor, kind, name, path)
         seal = supervisor.access.page_seal(f"{kind}/{name}", request.state.visitor)
         return RedirectResponse(str(request.url.replace(path=f"/pages/{seal}/{kind}/{name}/{path}")), 303)
 
@@ -218,13 +243,14 @@ def _document(supervisor: Supervisor) -> Callable[[Request], Response]:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
         if not supervisor.access.is_page_seal(f"{kind}/{name}", request.path_params["seal"]):
             return refusal(403, "This address is no longer good. Open the page from its result again.")
-        document = find_document(folder_of(supervisor, kind, name), path)
+        document = document_of(supervisor, kind, name, path)
         headers = {
             "content-security-policy": DOCUMENT_POLICY, "cross-origin-resource-policy": "cross-origin",
             "cross-origin-opener-policy": "unsafe-none",
             "referrer-policy": "no-referrer",
         }  # fmt: skip
-        return FileResponse(document.path, media_type=document.type, headers=headers)
+        kept_as = None if document.is_shown else document.path.name
+        return FileResponse(document.path, media_type=document.type, headers=headers, filename=kept_as)
 
     return _missing(found)
 

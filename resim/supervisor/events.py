@@ -75,10 +75,9 @@ class Changes:
     def _watch(self) -> None:
         while not self._ending.wait(EVERY):
             try:
-                s = self._supervisor
-                seen = (s.catalog.version(), s.queue.version(), self.scanned, s.worker.fault)
+                seen: object = self._supervisor.version()
             except ResimError as e:
-                seen = str(e)  # type: ignore[assignment]
+                seen = str(e)
             if seen != self._seen:
                 self._seen = seen
                 self.count += 1

@@ -22,6 +22,8 @@ from resim.supervisor.processes import process_name, read_whole, write_whole
 LOG, TASK_FILE, BEGUN, EXIT, LOCK = "log.txt", "task.json", "begun.json", "exit.json", "lock"
 LIVE = "live.json"
 """What the latest simulation of the command does now, while it runs (`resim.simulation.live`)."""
+OWN_FILES = frozenset({LOG, TASK_FILE, BEGUN, EXIT, LOCK, LIVE, PROGRESS})
+"""What lies in the folder of a task besides what its command wrote."""
 PATIENCE = 10.0
 """s that a command has to end after it was asked to."""
 _WITH_PARENT = 1
@@ -42,13 +44,24 @@ def run(folder: Path) -> int:
     write_whole(folder / BEGUN, {"attempt": attempt, "process": process_name(), "began": time.time()})
     for name in (LIVE, PROGRESS):
         (folder / name).unlink(missing_ok=True)
+    if attempt > 1 and "fresh" in told:
+        _put_aside(Path(told["fresh"]))
     code = _call(folder, told["words"], attempt)
+    if code in (0, 1) and "entered" in told:
+        _call(folder, ["lake", "add", "--", told["entered"]])  # in the lake it can be given to the next job
     (folder / LIVE).unlink(missing_ok=True)
     write_whole(folder / EXIT, {"attempt": attempt, "code": code, "ended": time.time()})
     return 0
 
 
-def _call(folder: Path, words: list[str], attempt: int) -> int:
+def _put_aside(made: Path) -> None:
+    """Give what an attempt before made another name: nothing is deleted."""
+    if os.path.lexists(made):
+        names = (made.with_name(f"{made.stem}.before-{k}{made.suffix}") for k in range(1, 10_000))
+        made.rename(next(name for name in names if not os.path.lexists(name)))
+
+
+def _call(folder: Path, words: list[str], attempt: int = 1) -> int:
     """Call the command, with all that it prints in the log, and give its exit code."""
     stopped: list[int] = []
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):

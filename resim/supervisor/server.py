@@ -43,7 +43,8 @@ class ServeOptions:
     folders: registered ones. host, port: where to listen. tasks: folder of logs and results. jobs: tasks at once.
     remote: under which address other machines may reach it, such as https://resim.example.org; "" where they may not.
     certificate: file of TLS, with its key; None where a proxy does that, or nobody else comes. proxy: address of that
-    proxy, whose word is taken for whom it asks for; "" for none.
+    proxy, whose word is taken for whom it asks for; "" for none. note: what the first page says while tasks
+    are unfinished.
     """
 
     folders: tuple[Path, ...]
@@ -54,6 +55,7 @@ class ServeOptions:
     remote: str = ""
     certificate: Path | None = None
     proxy: str = ""
+    note: str = ""
 
 
 def check_options(options: ServeOptions) -> None:
@@ -122,7 +124,7 @@ def serve(
         tasks = Path(os.path.realpath(options.tasks))
         tasks.mkdir(parents=True, exist_ok=True)
         audit = data / "audit.jsonl"
-        parts = SupervisorSettings(catalog, forms, tasks, access, door, audit, options.jobs)
+        parts = SupervisorSettings(catalog, forms, tasks, access, door, audit, options.jobs, options.note)
         supervisor = Supervisor(parts)
         add_roots(catalog, options.folders)  # a catalog that cannot be used is told of now
         config = uvicorn.Config(
@@ -186,7 +188,11 @@ def open_browser(page: Path) -> None:
 def _bound(host: str, port: int) -> socket.socket:
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        return socket.create_server((host, port), family=family)
+        listening = socket.create_server((host, port), family=family)
+        # asyncio does this for sockets of its own alone; without it each answer waits 40 ms for the client's
+        # acknowledgement of its headers
+        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return listening
     except (OSError, OverflowError) as e:
         reason = os.strerror(number) if (number := getattr(e, "errno", None)) else str(e)
         raise InputError(f"{host}:{port}", f"cannot be listened on ({reason})", "Give another --port.") from e

@@ -43,6 +43,11 @@ def span(start: float | None, end: float | None = None) -> str:
     return f"{seconds / 3600:.1f} h" if seconds < 100 * 3600 else f"{seconds / 86400:.0f} days"
 
 
+def age(start: float) -> int:
+    """Give for how many seconds something has gone on, which a page counts on by itself."""
+    return max(0, round(time.time() - start))
+
+
 def size(count: float) -> str:
     """Give a number of bytes in words."""
     for unit in ("B", "kB", "MB", "GB"):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -26,13 +27,16 @@ MOST_CODE = 1_000
 LAST_WORDS = 4_000
 """Bytes of the end of a log in which the reason is looked for."""
 _STATES: dict[int, TaskState] = {0: "done", 1: "bad"}
+MadeBy = Callable[[QueuedTask], Mapping[str, str]]
 
 
 class Worker:
     """A thread that does tasks, at most `jobs` at once. What it starts goes on when it, or its process, ends."""
 
-    def __init__(self, queue: TaskQueue, jobs: int) -> None:
-        self._queue, self._jobs = queue, jobs
+    def __init__(self, queue: TaskQueue, jobs: int, made_by: MadeBy = lambda task: {}) -> None:
+        """made_by: gives the path of what a task makes as `entered` where the lake is to know it afterwards, and as
+        `fresh` where it must not be there before."""
+        self._queue, self._jobs, self._made_by = queue, jobs, made_by
         self._server = process_name()
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._starts: dict[tuple[str, int], int] = {}
@@ -121,7 +125,8 @@ class Worker:
         folder = Path(task.folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            write_whole(folder / TASK_FILE, {"attempt": task.attempt, "words": [*task.call], "job": task.job})
+            told: dict[str, object] = {"attempt": task.attempt, "words": [*task.call], "job": task.job}
+            write_whole(folder / TASK_FILE, {**told, **self._made_by(task)})
             command = [sys.executable, "-P", "-m", "resim.supervisor.runner", str(folder)]
             quiet = subprocess.DEVNULL
             with (folder / LOG).open("ab") as log:

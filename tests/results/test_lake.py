@@ -257,3 +257,18 @@ def test_who_writes_at_once_waits_for_each_other(database: str, tmp_path: Path) 
         order.append("first")
     thread.join(30.0)
     assert (order, catalog.version()) == (["first", "second"], version + 2)
+
+
+def test_a_recording_is_found_by_the_name_that_it_gives_itself(database: str, shipped: Path) -> None:
+    drive = shipped / "scenarios" / "cut_in_brake"
+    told = (drive / "recording.toml").read_text()
+    (drive / "recording.toml").write_text(
+        told.replace('name = "cut_in_brake"', 'name = "Motorway A9, exit 61"')
+    )
+    catalog = Catalog(database)
+    register(catalog, [shipped])
+    assert names(catalog, text="a9 exit") == ["cut_in_brake"]
+    assert names(catalog, text="overtake", kinds=("recording",)) == ["overtake"]
+    (drive / "recording.toml").write_text(told)
+    scan(catalog)
+    assert names(catalog, text="a9 exit") == []

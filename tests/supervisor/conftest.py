@@ -45,8 +45,9 @@ def scanned(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def supervisor(catalog: str, scanned: Path, tmp_path: Path) -> Any:
-    """A Supervisor whose worker does nothing."""
+def supervisor(catalog: str, scanned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A Supervisor whose worker does nothing, and that sees at once what tests change."""
+    monkeypatch.setattr("resim.supervisor.parts.NOTICED", -1.0)
     from resim.cli.job_forms import job_forms
     from resim.results.catalog import Catalog
     from resim.supervisor.access import Access

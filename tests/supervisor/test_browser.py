@@ -97,14 +97,14 @@ def test_a_job_is_started_watched_and_found_again(
     page = opened(address, token)
     wait_for_scan(page, address)
     page.goto(f"{address}/jobs/play")
-    page.select_option("#f-drives", label="cut_in_brake – scenarios")
+    page.select_option("#f-drives", label="recording cut_in_brake – scenarios")
     page.click("text=Start >> nth=-1")
     page.wait_for_url("**/tasks/*")
     task = page.url
     page.locator("#log", has_text="player:").wait_for()  # as it is written
     page.locator(".badge", has_text="done").wait_for()
     with page.context.expect_page() as found:
-        page.click("a:text-is('play.html')")
+        page.click("a.button:text-is('cut_in_brake.html')")
     player = found.value
     player.wait_for_selector("#player")
     assert player.title() == "cut_in_brake · player"
@@ -121,6 +121,29 @@ def test_a_job_is_started_watched_and_found_again(
     page.goto(task)  # the cookie is good for the next server, too
     page.locator(".badge", has_text="done").wait_for()
     assert "player:" in page.inner_text("#log")
+
+
+def test_a_quiet_task_counts_on_and_its_buttons_keep_apart(
+    opened: Callable[..., Any], served: Callable[..., Any], catalog: str, tmp_path: Path
+) -> None:
+    _, address, token = served()
+    queue, name = TaskQueue(Catalog(catalog)), new_id()
+    queue.host = "elsewhere"  # nobody here does it
+    queue.add(name, "check", ("check", "--", "/nothing"), str(tmp_path / "tasks" / name))
+    page = opened(address, token, viewport={"width": 400, "height": 900})
+    page.goto(f"{address}/tasks")
+    page.route("**/tasks", lambda route: route.abort())  # without asking the server
+    told = page.locator("[data-age]")
+    first = told.inner_text()
+    page.wait_for_function("first => document.querySelector('[data-age]').textContent !== first", arg=first)
+    assert told.inner_text().endswith(" s")
+    boxes = [one.bounding_box() for one in page.locator(".acts button").all()]
+    assert len(boxes) == 5
+    for k, a in enumerate(boxes):
+        for b in boxes[k + 1 :]:
+            aside = max(b["x"] - a["x"] - a["width"], a["x"] - b["x"] - b["width"])
+            below = max(b["y"] - a["y"] - a["height"], a["y"] - b["y"] - b["height"])
+            assert max(aside, below) >= 4.0
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
 from space.spaces import KINDS, space_of
 
 from resim.results.catalog import Catalog
@@ -12,7 +13,10 @@ from resim.results.reading import read_entry
 from resim.space.folder import write_space
 
 
-def test_the_newest_spaces_are_on_the_dashboard(user: Any, catalog: str, tmp_path: Path) -> None:
+def test_the_newest_spaces_are_on_the_dashboard(
+    user: Any, catalog: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("resim.supervisor.kept.FRESH", 0.0)
     assert "No space of scenarios is known" in user.get("/").text
     space = space_of([kind for kind in KINDS for _ in range(4)], hours=2.0)
     folder = tmp_path / "seen"

@@ -73,7 +73,7 @@ def test_a_page_shows_a_sweep_while_it_grows(supervisor: Any, user: Any, tmp_pat
     name = new_id()
     folder = tmp_path / "tasks" / name
     sweep = folder / "result"
-    supervisor.queue.add(name, "sweep", ("sweep", "run"), str(folder))
+    supervisor.queue.add(name, "sweep", ("sweep", "run", f"--out={sweep}"), str(folder))
     supervisor.queue.claim("server")
     sweep.mkdir(parents=True)
     assert "So far" not in user.get(f"/tasks/{name}").text

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import re
+import shutil
 import time
 import zipfile
 from dataclasses import replace
@@ -104,7 +106,7 @@ def test_one_click_leads_from_a_result_to_all_it_came_from_and_back(
         in page
     )
     for item in told.values():
-        (link,) = re.findall(rf'href="(/\w+/\w+)">{re.escape(item.name)}</a>', page)
+        (link,) = set(re.findall(rf'href="(/\w+/\w+)">{re.escape(item.name)}</a>', page))
         assert f"/results/{run.id}" in user.get(link).text, item
     assert user.get("/lake/nothing").status_code == 404
 
@@ -122,6 +124,16 @@ def test_results_are_listed_filtered_and_paged(user: Any, known: Catalog) -> Non
     assert "1 to 28 of 28 results" in user.get("/results?verdict=PASS&kind=run&text=pilot").text
     assert "No result fits" in user.get("/results?kind=sweep").text
     assert "No result fits" in user.get("/results?text=100%25").text
+
+
+def test_what_is_never_judged_is_not_said_to_be_not_judged(user: Any, known: Catalog) -> None:
+    told = {"verdict": "", "counts": {"scenarios": 1, "recordings": 2}, "outcomes": ()}
+    known.add(one := entry("cut_in_brake", kind="mining", **told), entry("swept", 2, kind="sweep", **told))
+    page = user.get("/results").text
+    assert page.count("not judged") == 1
+    assert "1 scenario, 2 recordings" in page
+    assert "<td>mining</td>" in page
+    assert "not judged" not in user.get(f"/results/{one.id}").text.partition("<h2>")[0]
 
 
 def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
@@ -182,7 +194,7 @@ def test_two_builds_stand_side_by_side_the_worst_first(user: Any, known: Catalog
     ids = re.findall(r'name="one" value="(\w+)"', user.get("/builds").text)
     assert len(ids) == 2
     text = user.get("/builds/compare", params={"one": ids[0], "other": ids[1]}).text
-    rows = re.findall(r"<tr><th>(\w)</th>.*?>([\w ]+)</span></td></tr>", text, re.DOTALL)
+    rows = re.findall(r"<tr><th><a [^>]*>(\w)</a></th>.*?>([\w ]+)</span></td></tr>", text, re.DOTALL)
     assert rows == [("c", "worse"), ("d", "not known"), ("a", "same"), ("b", "better")]
     page = user.get(f"/builds/{ids[0]}").text
     assert "pilot-1.0" in page
@@ -216,7 +228,7 @@ def test_a_verdict_for_another_reason_is_not_the_same(user: Any, known: Catalog)
         known.add(entry(label, k + 1, verdict="FAIL", counts={"FAIL": 2}, inputs=inputs, outcomes=outcomes))
     ids = re.findall(r'name="one" value="(\w+)"', user.get("/builds").text)
     text = user.get("/builds/compare", params={"one": ids[0], "other": ids[1]}).text
-    rows = re.findall(r"<tr><th>(\w)</th>.*?>([\w ]+)</span></td></tr>", text, re.DOTALL)
+    rows = re.findall(r"<tr><th><a [^>]*>(\w)</a></th>.*?>([\w ]+)</span></td></tr>", text, re.DOTALL)
     assert rows == [("a", "changed"), ("b", "same")]
 
 
@@ -396,8 +408,8 @@ def test_one_click_leads_to_the_traces_of_a_run_above_others(
     known.add(*runs)
     (link,) = re.findall(r'href="(/jobs/play[^"]*)">Above others', user.get(f"/results/{runs[0].id}").text)
     form = user.get(link.replace("&amp;", "&")).text
-    assert f'value="result-{runs[0].id}" selected' in form
-    assert f'value="result-{runs[1].id}" selected' not in form
+    assert f'value="{runs[0].id}" selected' in form
+    assert f'value="{runs[1].id}" selected' not in form
     assert re.search(r'name="together".*?<option selected>yes', form)
 
 
@@ -417,3 +429,95 @@ def test_moments_at_which_criteria_were_not_met_open_the_player_there(
     assert f'href="/open/results/{one.id}/report.html#t=7.50"' in user.get(f"/results/{one.id}").text
     (tmp_path / "kpis.parquet").write_bytes(b"PAR1")  # damaged: there is no table
     assert "When criteria" not in user.get(f"/results/{one.id}").text
+
+
+@pytest.fixture
+def registered(supervisor: Any, tmp_path: Path) -> Path:
+    """A folder of its own with a drive, a map and a suite, which are in the lake."""
+    from resim.results.scanning import scan
+
+    home = tmp_path / "registered"
+    shutil.copytree(DRIVE, home / "scenarios" / "drive")
+    (home / "networks").mkdir()
+    shutil.copy(ROOT / "networks" / "proving_ground.xodr", home / "networks")
+    told = (home / "scenarios" / "drive" / "recording.toml").read_text()
+    (home / "scenarios" / "drive" / "recording.toml").write_text(told.replace("../../", f"{home}/"))
+    (home / "page.html").write_text(f"<p>{EVIL}")
+    suite = 'name = "ours"\ncriteria = "highway.toml"\n[[recording]]\nfolder = "scenarios/drive"\n'
+    (home / "suite.toml").write_text(suite)
+    scan(supervisor.catalog, [home])
+    return home
+
+
+def known_at(supervisor: Any, path: Path) -> Any:
+    from resim.results.lake import items_below
+
+    (one,) = [i for i in items_below(supervisor.catalog, str(path), most=9) if i.folder == str(path)]
+    return one
+
+
+def test_what_is_named_without_a_hash_leads_to_what_lies_there(
+    supervisor: Any, user: Any, registered: Path
+) -> None:
+    drive = known_at(supervisor, registered / "scenarios" / "drive")
+    road = known_at(supervisor, registered / "networks" / "proving_ground.xodr")
+    suite = user.get(f"/lake/{known_at(supervisor, registered / 'suite.toml').id}").text
+    assert f'<a href="/experiments/{drive.id}"><code>{drive.folder}</code></a>' in suite
+    page = user.get(f"/experiments/{drive.id}").text
+    assert re.search(r'<a href="/lake/\w+">proving_ground</a>', page)
+    assert f'href="/lake?{"kind=map"}&amp;text=proving_ground"' in user.get("/lake?kind=recording").text
+    assert f'href="/jobs/map-check?path={road.id}"' in user.get(f"/lake/{road.id}").text
+
+
+def test_files_of_a_drive_are_opened_from_its_page(
+    supervisor: Any, user: Any, client: Any, registered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = registered / "scenarios" / "drive"
+    (tmp_path / "secret.csv").write_text("secret")
+    for name, text in (
+        ("page.html", f"<p>{EVIL}"),
+        ("run.sh", "x"),
+        (".hidden.csv", "x"),
+        ("big.csv", "x" * 9000),
+    ):
+        (folder / name).write_text(text)
+    (folder / "trace.osi").write_bytes(b"\0")
+    (folder / "link.csv").symlink_to(tmp_path / "secret.csv")
+    (folder / "way").symlink_to(tmp_path)
+    os.mkfifo(folder / "pipe.csv")
+    drive = known_at(supervisor, folder)
+    page = user.get(f"/experiments/{drive.id}").text
+    listed = set(re.findall(rf'href="/open/lake/{drive.id}/([^"]+)"', page))
+    assert listed == {"recording.toml", "gt.csv", "sd.csv", "plan.csv", "page.html", "big.csv", "trace.osi"}
+    monkeypatch.setattr("resim.supervisor.documents.SHOWN", 8000)
+    for name, kind, kept in (
+        ("recording.toml", "text/plain; charset=utf-8", False), ("big.csv", "text/plain; charset=utf-8", True),
+        ("page.html", "text/html; charset=utf-8", False), ("trace.osi", "application/octet-stream", True),
+    ):  # fmt: skip
+        answer = client.get(user.get(f"/open/lake/{drive.id}/{name}").headers["location"])
+        assert answer.content == (folder / name).read_bytes()
+        assert answer.headers["content-type"] == kind
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert ("attachment" in answer.headers.get("content-disposition", "")) is kept
+        assert answer.headers["content-security-policy"].startswith("sandbox allow-scripts")
+        assert "allow-same-origin" not in answer.headers["content-security-policy"]
+    for name in (
+        "link.csv", "way/secret.csv", ".hidden.csv", "run.sh", "pipe.csv", "%2e%2e/suite.toml",
+        "..%2fsuite.toml", "gt.csv%00", "", "/etc/passwd", "gt.csv/", "x" * 3000 + ".csv",
+    ):  # fmt: skip
+        assert user.get(f"/open/lake/{drive.id}/{name}").status_code in (400, 404), name
+
+
+def test_of_a_file_in_the_lake_that_one_alone_is_opened(
+    supervisor: Any, user: Any, client: Any, registered: Path, tmp_path: Path
+) -> None:
+    road = known_at(supervisor, registered / "networks" / "proving_ground.xodr")
+    (registered / "networks" / "other.xodr").write_text("secret")
+    answer = client.get(user.get(f"/open/lake/{road.id}/proving_ground.xodr").headers["location"])
+    assert answer.headers["content-type"].startswith("text/plain")
+    assert user.get(f"/open/lake/{road.id}/other.xodr").status_code == 404
+    assert user.get(f"/open/lake/{'0' * 16}/proving_ground.xodr").status_code == 404
+    shutil.move(registered / "networks", tmp_path / "networks")
+    (registered / "networks").symlink_to(tmp_path / "networks")  # by now it leads out
+    assert user.get(f"/open/lake/{road.id}/proving_ground.xodr").status_code == 404
+    assert "/open/lake/" not in user.get(f"/lake/{road.id}").text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import socket
 import stat
 from collections.abc import Callable
@@ -90,9 +91,22 @@ def test_the_token_is_the_users_alone(served: Callable[..., Any], tmp_path: Path
 def test_the_demo_fills_a_lake_within_a_minute(served: Callable[..., Any]) -> None:
     _, address, token = served("--demo")
     with entered(address, token) as client:
+        waited(
+            lambda: client.get("/lake?kind=recording").text.count("/experiments/") > 0, 20.0
+        )  # there at once
+        assert re.search(r"This lake fills while you look.* \d of 4 tasks are done", client.get("/").text)
         waited(lambda: client.get("/lake?kind=verification").text.count('href="/results/') == 1, 60.0)
         waited(
             lambda: client.get("/lake?kind=recording&maneuver=lane_change").text.count("/experiments/") > 0,
             60.0,
         )
         assert "re-simulated" in client.get("/experiments?state=bad").text
+
+
+def test_no_answer_waits_for_an_acknowledgement() -> None:
+    from resim.supervisor.server import _bound
+
+    with _bound("127.0.0.1", 0) as listening, socket.create_connection(listening.getsockname()):
+        accepted, _ = listening.accept()
+        with accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)

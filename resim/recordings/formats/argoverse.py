@@ -101,8 +101,17 @@ FORMATS.add(
         file="log",
         file_help="Folder of a sensor log (annotations.feather), or scenario_ID.parquet of motion forecasting.",
         reader=read_argoverse,
-        options=(FormatOption("sd", Path, "Boxes of a tracker: Feather, as annotations.", metavar="FILE"),),
+        options=(
+            FormatOption(
+                "sd",
+                Path,
+                "Boxes of a tracker: Feather, as annotations.",
+                metavar="FILE",
+                patterns=("*.feather",),
+            ),
+        ),
         works_out=("ego",),
+        patterns=("scenario_*.parquet", "./annotations.feather"),
     )
 )
 

@@ -64,6 +64,7 @@ FORMATS.add(
         file="scenario",
         file_help="CommonRoad scenario, XML of 2018a or 2020a.",
         reader=read_commonroad,
+        patterns=("*.xml",),
     )
 )
 

@@ -104,6 +104,7 @@ FORMATS.add(
         file="tracks",
         file_help="XX_tracks.csv of highD, exiD, inD or rounD; its meta files beside it.",
         reader=_read,
+        patterns=("*_tracks.csv",),
         options=(
             FormatOption(
                 "alignment",

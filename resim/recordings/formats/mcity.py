@@ -101,6 +101,7 @@ FORMATS.add(
         file="folder",
         file_help="Folder of the data, with gts/, dets/ and mcity.xodr.",
         reader=read_mcity,
+        patterns=("./mcity.xodr",),
         options=(
             FormatOption(
                 "trial", str, "Which trial, such as 3; needed where there are several.", metavar="N"

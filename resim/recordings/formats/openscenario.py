@@ -89,6 +89,7 @@ FORMATS.add(
         file_help="OpenSCENARIO XML 1.0 to 1.3 (.xosc).",
         reader=read_openscenario,
         works_out=("map", "ego"),
+        patterns=("*.xosc",),
     )
 )
 

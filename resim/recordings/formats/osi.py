@@ -100,8 +100,17 @@ FORMATS.add(
         file="trace",
         file_help="GroundTruth or SensorView messages, as .osi or .mcap.",
         reader=read_osi,
-        options=(FormatOption("sd", Path, "Trace of SensorData, where it is not in the first.", "FILE"),),
+        options=(
+            FormatOption(
+                "sd",
+                Path,
+                "Trace of SensorData, where it is not in the first.",
+                "FILE",
+                patterns=("*.osi", "*.mcap"),
+            ),
+        ),
         works_out=("ego", "map"),
+        patterns=("*.osi", "*.mcap"),
     )
 )
 

@@ -16,7 +16,7 @@ class FormatOption:
     """An option that one format has beside those of all: `--name`, given to the reader as `name`.
 
     type: str, int, float, bool, Path or a tuple of these; the option's value is None where it is not given.
-    required: whether it has to be given.
+    required: whether it has to be given. patterns: of a file how such are called, for choosing one.
     """
 
     name: str
@@ -24,6 +24,7 @@ class FormatOption:
     help: str
     metavar: str | None = None
     required: bool = False
+    patterns: tuple[str, ...] = ("*",)
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class RecordingFormat:
     own options; gives the Recording, or tables with faults in them for `resim check`; raises InputError naming file,
     place and value.
     works_out: of map and ego, what the reader finds where the option is not given, which is then None.
+    patterns: how such files are called, for choosing one; "./NAME" is a folder that holds a file of this name.
     """
 
     name: str
@@ -45,6 +47,7 @@ class RecordingFormat:
     reader: Callable[..., Recording | RecordingTables]
     options: tuple[FormatOption, ...] = ()
     works_out: tuple[str, ...] = ()
+    patterns: tuple[str, ...] = ("*",)
 
 
 FORMATS: Registry[RecordingFormat] = Registry("recording format")

@@ -7,6 +7,9 @@ from pathlib import Path
 from resim.recordings.formats.registry import FORMATS, FormatOption, RecordingFormat
 from resim.recordings.mapped.reader import read_mapped
 
+TABLES = ("*.csv", "*.parquet", "*.mcap", "*.mf4", "*.db3", "./metadata.yaml")
+"""How tables and logs are called."""
+
 FORMATS.add(
     RecordingFormat(
         name="table",
@@ -14,6 +17,7 @@ FORMATS.add(
         file="file",
         file_help="CSV or Parquet table, one row per time and object; or a log of topics: MCAP, rosbag2, MDF4.",
         reader=read_mapped,
+        patterns=TABLES,
         options=(
             FormatOption(
                 "columns",
@@ -21,6 +25,7 @@ FORMATS.add(
                 "Mapping (TOML): what the columns mean; `resim import guess` writes a first one.",
                 metavar="MAPPING",
                 required=True,
+                patterns=("*.toml",),
             ),
             FormatOption("rate", float, "Frames a second [Hz], where times are in frames.", metavar="HZ"),
         ),

@@ -36,6 +36,20 @@
     } catch { /* the stream says that the server is away */ } finally { waiting = false; }
   }
 
+  function span(seconds) { // as `resim.supervisor.words.span` says it
+    if (seconds < 100) return `${Math.round(seconds)} s`;
+    if (seconds < 6000) return `${Math.round(seconds / 60)} min`;
+    return seconds < 360000 ? `${(seconds / 3600).toFixed(1)} h` : `${Math.round(seconds / 86400)} days`;
+  }
+
+  function count() { // how long something has gone on is told without asking the server
+    for (const told of document.querySelectorAll("[data-age]")) {
+      told.begun ??= performance.now() - 1000 * Number(told.dataset.age);
+      const words = span((performance.now() - told.begun) / 1000);
+      if (told.textContent !== words) told.textContent = words;
+    }
+  }
+
   function listen() {
     if (source || document.hidden) return; // browsers have few connections a host: pages that nobody sees need none
     source = new EventSource(log ? `/events?task=${log.dataset.task}&from=${from}` : "/events");
@@ -63,6 +77,7 @@
     event.preventDefault();
     document.querySelector(".find input").select();
   });
+  setInterval(count, 1000);
   if (log) toEnd();
   listen();
 })();

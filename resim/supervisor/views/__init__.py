@@ -28,3 +28,15 @@ PAGES: Mapping[str, Callable[[Supervisor, Request], Told]] = {
     "/lake": lake.lake,
     "/lake/{name}": lake.thing,
 }
+KEPT = (
+    "/",
+    "/experiments",
+    "/builds",
+    "/builds/compare",
+    "/results",
+    "/tasks",
+    "/lake",
+    "/jobs",
+    "/jobs/{name}",
+)
+"""Pages that are kept for a moment (`resim.supervisor.kept`): lists and forms, which many ask for."""

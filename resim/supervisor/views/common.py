@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import platform
+import re
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,15 +17,19 @@ from starlette.requests import Request
 from resim.core.errors import InputError, ResimError
 from resim.jobs.lake import LakeLinks
 from resim.results.entry import KINDS, CatalogEntry
-from resim.results.lake import LakeItem, LakePage
+from resim.results.lake import LakeItem, LakePage, LakeQuery, find_page
 from resim.results.queue import QueuedTask
 from resim.supervisor.builds import build_id
+from resim.supervisor.documents import Document, files_in, find_document
+from resim.supervisor.growth import TaskProgress, task_progress
 from resim.supervisor.parts import Supervisor
 
 EACH = 50
 """Rows of a page."""
 MOST_OUTCOMES = 500
 RESULTS = tuple(KINDS)
+ID = re.compile("[0-9a-f]{16}")
+"""Of a task."""
 Told = tuple[str, dict[str, Any]]
 
 
@@ -94,13 +103,36 @@ def result_folder(supervisor: Supervisor, name: str) -> Path:
     return entry.folder
 
 
-def folder_of(supervisor: Supervisor, kind: str, name: str) -> Path:
-    """Give the folder in which documents of a result or a task lie. Raises MissingError for any other."""
+def document_of(supervisor: Supervisor, kind: str, name: str, path: str) -> Document:
+    """Give a file of a result, of a task or of something else in the lake. Raises MissingError or InputError."""
     if kind == "results":
-        return result_folder(supervisor, name)
+        return find_document(result_folder(supervisor, name), path)
     if kind == "tasks":
-        return Path(task_of(supervisor, name).folder)
-    raise MissingError("There is no such page.")
+        return find_document(Path(task_of(supervisor, name).folder), path)
+    found = supervisor.catalog.entries([name[:40]]) if kind == "lake" else []
+    if not found or (home := home_of(found[0])) is None:
+        raise MissingError("There is no such page.")
+    if found[0].kind != "recording" and path != found[0].folder.name:
+        raise MissingError("There is no such file.")
+    return find_document(home, path)
+
+
+def home_of(entry: CatalogEntry) -> Path | None:
+    """Give the folder of a recording, or in which a file of the lake lies; None where it is not here, or a link."""
+    is_input = entry.kind not in KINDS and entry.kind != "cluster"
+    is_here = entry.host == platform.node() and os.path.realpath(entry.folder) == str(entry.folder)
+    return entry.home if is_input and is_here and entry.folder.exists() else None
+
+
+def files_of(entry: CatalogEntry) -> list[tuple[str, int]]:
+    """Give the files of a recording, or the one that something else in the lake is, with their sizes [bytes]."""
+    if (home := home_of(entry)) is None:
+        return []
+    if entry.kind == "recording":
+        return files_in(home)
+    with suppress(InputError, OSError):
+        return [(entry.folder.name, find_document(home, entry.folder.name).path.stat().st_size)]
+    return []
 
 
 def unfinished_by_state(supervisor: Supervisor) -> dict[str, list[QueuedTask]]:
@@ -111,6 +143,27 @@ def unfinished_by_state(supervisor: Supervisor) -> dict[str, list[QueuedTask]]:
     return found
 
 
+def progress_of(running: Iterable[QueuedTask]) -> dict[str, TaskProgress]:
+    """Give how far running tasks are, by id; those that say so."""
+    found = {task.id: task_progress(Path(task.folder)) for task in running}
+    return {name: progress for name, progress in found.items() if progress is not None}
+
+
+def starts_with(supervisor: Supervisor, item: LakeItem | CatalogEntry) -> dict[str, list[tuple[str, str]]]:
+    """Give the jobs that can be started with something, by groups: each with the parameter that takes it.
+
+    None where it is on another machine.
+    """
+    found: dict[str, list[tuple[str, str]]] = {}
+    here = item.host == supervisor.queue.host
+    ours = Path(item.folder).is_relative_to(supervisor.settings.tasks)
+    for form in supervisor.settings.forms if here else ():
+        taking = [f.name for f in form.fields if item.kind in f.of and (ours or not f.own)]
+        if taking:
+            found.setdefault(form.group, []).append((form.name, taking[0]))
+    return found
+
+
 def link_to(item: LakeItem) -> str:
     """Give the address of the page of something."""
     if item.kind in KINDS:
@@ -118,11 +171,40 @@ def link_to(item: LakeItem) -> str:
     return f"/experiments/{item.id}" if item.kind == "recording" else f"/lake/{item.id}"
 
 
-def links_in(linked: LakeLinks) -> dict[int, str]:
-    """Give the addresses of the pages of what something follows from, by its place among these."""
+def links_in(supervisor: Supervisor, linked: LakeLinks) -> dict[int, str]:
+    """Give the addresses of the pages of what something follows from, by its place among these.
+
+    What is named without a hash is what lies at its path.
+    """
     entry = linked.entry
     found = {k: link_to(items[0]) for k, (_, items) in enumerate(linked.origins) if items}
+    unsure = {k: i.path for k, i in enumerate(entry.inputs) if i.path and not i.hash}
+    known = at_paths(supervisor, unsure.values())
+    found |= {k: link_to(known[path]) for k, path in unsure.items() if path in known}
     builds = {
-        k: f"/builds/{build_id(i.name, i.hash)}" for k, i in enumerate(entry.inputs) if i.role == "build"
-    }
+        k: f"/builds/{build_id(i.name, i.hash)}"
+        for k, i in enumerate(entry.inputs) if i.role in ("build", "against")
+    }  # fmt: skip
     return found | (builds if entry.kind in KINDS else {})
+
+
+def at_paths(supervisor: Supervisor, paths: Iterable[str]) -> dict[str, LakeItem]:
+    """Give what the lake has at some paths of this machine, by path: the newest of each."""
+    wanted = tuple(sorted(set(paths)))[:MOST_OUTCOMES]
+    if not wanted:
+        return {}
+    query = LakeQuery(folders=wanted, host=supervisor.queue.host)
+    every = find_page(supervisor.catalog, query, most=2 * MOST_OUTCOMES).items
+    return {item.folder: item for item in reversed(every) if item.kind != "cluster"}
+
+
+def maker_of(supervisor: Supervisor, folder: Path) -> QueuedTask | None:
+    """Give the task that wrote something, None where none did."""
+    for above in [*folder.parents][:3]:
+        if not ID.fullmatch(above.name):
+            continue
+        with suppress(InputError):
+            found = supervisor.queue.get(above.name)
+            if Path(found.folder) == above:
+                return found
+    return None

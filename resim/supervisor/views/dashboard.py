@@ -14,6 +14,7 @@ from resim.supervisor.parts import Supervisor
 from resim.supervisor.views.common import (
     RESULTS,
     Told,
+    progress_of,
     unfinished_by_state,
 )
 
@@ -27,6 +28,7 @@ def dashboard(supervisor: Supervisor, request: Request) -> Told:
     return "dashboard.html", {
         "machine": machine_load(supervisor.settings.tasks),
         "running": unfinished["running"],
+        "progress": progress_of(unfinished["running"]),
         "waiting": unfinished["waiting"][:LATEST],
         "counts": supervisor.queue.counts(),
         "failed": supervisor.queue.ended(0, LATEST, bad=True),
@@ -34,5 +36,6 @@ def dashboard(supervisor: Supervisor, request: Request) -> Told:
         "results": newest.count,
         "recordings": find_page(supervisor.catalog, LakeQuery(kinds=("recording",)), most=1).count,
         "jobs": supervisor.settings.jobs,
+        "note": supervisor.settings.note if unfinished["running"] or unfinished["waiting"] else "",
         "spaces": newest_coverage(supervisor.catalog, LATEST_SPACES),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from starlette.requests import Request
 
+from resim.jobs.lake import links_of
 from resim.results.lake import (
     LakePage,
     LakeQuery,
@@ -17,8 +18,12 @@ from resim.supervisor.views.common import (
     RESULTS,
     MissingError,
     Told,
+    files_of,
     first_of,
+    links_in,
+    maker_of,
     paging_of,
+    starts_with,
     text_of,
 )
 
@@ -40,17 +45,14 @@ def experiment(supervisor: Supervisor, request: Request) -> Told:
     if found is None:
         raise MissingError("There is no such recording.")
     one = found.item
-    kinds = {"recording", "drive"}
-    jobs = [
-        (form, field.name)
-        for form in supervisor.settings.forms
-        for field in form.fields
-        if one.host == supervisor.queue.host and kinds & {*field.of}
-    ]
+    (entry,) = supervisor.catalog.entries([one.id])
+    linked = links_of(supervisor.catalog, entry)
     told = LakeQuery(kinds=RESULTS, hashes=(one.digest,))
     results = find_page(supervisor.catalog, told, most=EACH) if one.digest else LakePage((), 0, False)
     return "experiment.html", {
         "one": one, "tables": found.tables, "rows": found.steps, "verified": found.verified, "steps": STEPS,
-        "above": [("drives", one.id), *(("drives", f"result-{r.id}") for r in results.items if r.kind == "run")][:6],
-        "results": results.items, "count": results.count, "jobs": jobs,
+        "above": [("drives", one.id), *(("drives", r.id) for r in results.items if r.kind == "run")][:6],
+        "results": results.items, "count": results.count, "starts": starts_with(supervisor, one),
+        "entry": entry, "links": links_in(supervisor, linked), "files": files_of(entry),
+        "maker": maker_of(supervisor, entry.folder),
     }  # fmt: skip

@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 
 from starlette.requests import Request
 
 from resim.core.errors import InputError
-from resim.results.lake import (
-    ITEM_KINDS,
-    LakeItem,
-    LakeQuery,
-    find_page,
-    items_with,
-)
+from resim.results.entry import KINDS
+from resim.results.lake import ITEM_KINDS, LakeItem
 from resim.results.scanning import roots_of
-from resim.supervisor.forms import FormField
+from resim.supervisor.files import file_id
+from resim.supervisor.forms import FormField, JobForm
 from resim.supervisor.parts import Supervisor
-from resim.supervisor.views.common import (
-    EACH,
-    MissingError,
-    Told,
-)
+from resim.supervisor.views.common import MissingError, Told
 
 MOST_OPTIONS = 1_000
 
 
 def jobs(supervisor: Supervisor, request: Request) -> Told:
-    """All jobs that can be started."""
-    return "jobs.html", {"forms": supervisor.settings.forms}
+    """All jobs that can be started, by groups."""
+    groups: dict[str, list[JobForm]] = {}
+    for form in supervisor.settings.forms:
+        groups.setdefault(form.group, []).append(form)
+    return "jobs.html", {"groups": groups}
 
 
 def job(supervisor: Supervisor, request: Request) -> Told:
@@ -41,33 +37,52 @@ def job(supervisor: Supervisor, request: Request) -> Told:
     told = {field.name: given.getlist(field.name) for field in form.fields}
     roots = roots_of(supervisor.catalog)
     fields = [
-        (field, _options(supervisor, field, told[field.name], roots) if field.of else [], told[field.name])
+        (
+            field,
+            _options(supervisor, field, told[field.name], roots) if field.has_files else [],
+            told[field.name],
+        )
         for field in form.fields
     ]
-    lacking = [field.of[0] for field, options, _ in fields if field.required and field.of and not options]
+    lacking = [
+        _lacking(field) for field, options, _ in fields if field.required and field.has_files and not options
+    ]
     return "job.html", {"form": form, "fields": fields, "lacking": lacking, "most": MOST_OPTIONS}
+
+
+def _lacking(field: FormField) -> str:
+    """What a field takes, in words."""
+    if field.of:
+        return " or ".join(field.of)
+    names = ", ".join(pattern.removeprefix("././").removeprefix("./") for pattern in field.patterns)
+    return f"{field.name.replace('_', ' ')} ({names})"
 
 
 def _options(
     supervisor: Supervisor, field: FormField, given: Sequence[str], roots: Sequence[Path]
 ) -> list[tuple[str, str]]:
     """The files that may be chosen: their ids, and how they are called. Of very many the first, and those given."""
-    kinds = tuple(
-        kind for kind in ITEM_KINDS if kind in field.of or (kind == "recording" and "drive" in field.of)
-    )
+    kinds = tuple(kind for kind in ITEM_KINDS if kind in field.of)
     every = supervisor.files(*kinds, most=MOST_OPTIONS) if kinds else []
     shown = {i.id for i in every}
     every += [
         i for name in given if (i := _chosen(supervisor, name, kinds)) is not None and i.id not in shown
     ]
-    found = [(i.id, f"{i.name} – {_place(Path(i.folder).parent, roots)}") for i in every]
-    if "result" in field.of:
-        newest = [*find_page(supervisor.catalog, LakeQuery(kinds=("run",)), most=EACH).items]
-        told = [name.removeprefix("result-")[:40] for name in given if name.startswith("result-")]
-        known = {e.id for e in newest}
-        newest += [e for e in items_with(supervisor.catalog, told) if e.kind == "run" and e.id not in known]
-        found += [(f"result-{e.id}", f"run of {e.name}, {e.written[:16].replace('T', ' ')}") for e in newest]
-    return found
+    tasks = supervisor.settings.tasks
+    found = [
+        (i.id, _called(i, roots, several=len(kinds) > 1))
+        for i in every if not field.own or Path(i.folder).is_relative_to(tasks)
+    ]  # fmt: skip
+    loose = islice(supervisor.loose_files(field), MOST_OPTIONS) if field.patterns else ()
+    return found + [(file_id(path), _place(path, (*roots, tasks))) for path in loose]
+
+
+def _called(item: LakeItem, roots: Sequence[Path], *, several: bool) -> str:
+    """How something is offered: results by when they were written, all else by where it lies."""
+    kind = f"{item.kind} " if several or item.kind in KINDS else ""
+    if item.kind in KINDS:
+        return f"{kind}{item.name}, {item.written[:16].replace('T', ' ')}"
+    return f"{kind}{item.name} – {_place(Path(item.folder).parent, roots)}"
 
 
 def _place(folder: Path, roots: Sequence[Path]) -> str:

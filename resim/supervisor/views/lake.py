@@ -18,10 +18,13 @@ from resim.supervisor.views.common import (
     EACH,
     MissingError,
     Told,
+    files_of,
     first_of,
     link_to,
     links_in,
+    maker_of,
     paging_of,
+    starts_with,
     text_of,
 )
 
@@ -58,7 +61,8 @@ def thing(supervisor: Supervisor, request: Request) -> Told:
         raise MissingError("There is no such thing.")
     linked = links_of(supervisor.catalog, found[0])
     return "thing.html", {
-        "one": found[0], "state": found[0].state(), "links": links_in(linked), "count": linked.count,
+        "one": found[0], "state": found[0].state(), "links": links_in(supervisor, linked), "count": linked.count,
         "followers": [(item, link_to(item)) for item in linked.followers], "command": linked.command,
-        "origin": linked.origin,
+        "origin": linked.origin, "files": files_of(found[0]), "maker": maker_of(supervisor, found[0].folder),
+        "starts": starts_with(supervisor, found[0]),
     }  # fmt: skip

@@ -6,15 +6,13 @@ from pathlib import Path
 
 from starlette.requests import Request
 
-from resim.core.errors import InputError
 from resim.jobs.lake import links_of
-from resim.results.entry import KINDS, CatalogEntry
+from resim.results.entry import KINDS
 from resim.results.kpis import kpi_moments
 from resim.results.lake import (
     LakeQuery,
     find_page,
 )
-from resim.results.queue import QueuedTask
 from resim.results.reading import VERDICTS
 from resim.results.scanning import is_utf8
 from resim.supervisor import documents
@@ -29,7 +27,9 @@ from resim.supervisor.views.common import (
     first_of,
     link_to,
     links_in,
+    maker_of,
     paging_of,
+    starts_with,
     text_of,
 )
 
@@ -53,27 +53,21 @@ def result(supervisor: Supervisor, request: Request) -> Told:
     there = state in ("there", "changed")
     pages = documents.pages(entry.folder) if there else []
     linked = links_of(supervisor.catalog, entry)
+    links = links_in(supervisor, linked)
     held = supervisor.catalog.of_folder(entry.folder) if state == "changed" else []
     return "result.html", {
         "one": entry, "state": state, "pages": [p for p in pages if "/" not in p],
         "below": [p for p in pages if "/" in p], "data": _data(entry.folder) if there else [],
-        "links": links_in(linked), "outcomes": entry.outcomes[:MOST_OUTCOMES],
-        "maker": _maker(supervisor, entry), "command": linked.command, "origin": linked.origin,
+        "links": links, "outcomes": entry.outcomes[:MOST_OUTCOMES],
+        "maker": maker_of(supervisor, entry.folder), "command": linked.command, "origin": linked.origin,
         "followers": [(item, link_to(item)) for item in linked.followers], "count": linked.count,
         "holds": next((e for e in held if e.id != entry.id and e.state() == "there"), None),
         "moments": kpi_moments(entry.folder) if there and entry.kind in ("run", "assessment") else [],
         "player": next((page for page in ("report.html", "assessment.html") if page in pages), ""),
+        "starts": starts_with(supervisor, entry) if there else {},
+        "drives": {i.name: links[k] for k, i in enumerate(entry.inputs) if i.role == "recording" and k in links},
         "coverage": coverage_of(entry) if entry.kind == "space" and there else None,
     }  # fmt: skip
-
-
-def _maker(supervisor: Supervisor, entry: CatalogEntry) -> QueuedTask | None:
-    """The task that wrote a result, if one did."""
-    try:
-        found = supervisor.queue.get(entry.folder.parent.name)
-    except InputError:
-        return None
-    return found if Path(found.folder) == entry.folder.parent else None
 
 
 def _data(folder: Path) -> list[str]:

@@ -7,17 +7,22 @@ from pathlib import Path
 
 from starlette.requests import Request
 
-from resim.results.queue import ENDED
+from resim.results.entry import KINDS
+from resim.results.lake import LakeItem, items_below
+from resim.results.queue import ENDED, QueuedTask
 from resim.supervisor import documents
 from resim.supervisor.events import read_log
 from resim.supervisor.growth import task_progress
 from resim.supervisor.parts import Supervisor
-from resim.supervisor.runner import LOG
+from resim.supervisor.runner import LOG, OWN_FILES
 from resim.supervisor.views.common import (
     EACH,
     Told,
+    at_paths,
     first_of,
+    link_to,
     paging,
+    progress_of,
     task_of,
     text_of,
     unfinished_by_state,
@@ -27,10 +32,12 @@ from resim.supervisor.views.common import (
 def tasks(supervisor: Supervisor, request: Request) -> Told:
     """What runs, what waits, and what ended."""
     first, counts = first_of(request), supervisor.queue.counts()
+    unfinished = unfinished_by_state(supervisor)
     ended = supervisor.queue.ended(first, EACH)
     count = sum(n for state, n in counts.items() if state in ENDED)
     return "tasks.html", {
-        **unfinished_by_state(supervisor), "ended": ended, "paging": paging(request, first, len(ended), count),
+        **unfinished, "ended": ended, "paging": paging(request, first, len(ended), count),
+        "progress": progress_of(unfinished["running"]),
         "kept": [form.name for form in supervisor.settings.forms if form.kept],
     }  # fmt: skip
 
@@ -40,17 +47,30 @@ def task(supervisor: Supervisor, request: Request) -> Told:
     one = task_of(supervisor, request.path_params["name"])
     folder = Path(one.folder)
     log, end = read_log(folder / LOG, 0)
-    form = supervisor.forms.get(one.job)
-    made = folder / form.result if form is not None and form.result else None
-    entry = None
+    made, entry = supervisor.made_by(one), None
     if made is not None and made.is_dir():
-        entry = next(iter(supervisor.catalog.of_folder(made)), None)
+        entry = next((e for e in supervisor.catalog.of_folder(made) if e.kind in KINDS), None)
     return "task.html", {
         "one": one, "log": log, "end": end, "command": f"resim {shlex.join(one.call)}", "entry": entry,
-        "pages": documents.pages(folder) if one.state in ENDED and entry is None else [],
+        "files": documents.files_in(folder, OWN_FILES) if one.state in ENDED and entry is None else [],
+        "given": [(item, link_to(item)) for item in at_paths(supervisor, _paths(one)).values()],
+        "made": [(item, link_to(item)) for item in _made(supervisor, made)],
         "progress": task_progress(folder) if one.state not in ("done", "bad") else None,
         "so_far": supervisor.sweeps.look(made) if made is not None and entry is None else None,
     }  # fmt: skip
+
+
+def _paths(task: QueuedTask) -> list[str]:
+    """The paths that a command is given, and the folders of those that are files in results."""
+    words = (word.partition("=")[2] if word.startswith("--") else word for word in task.words)
+    paths = [word for word in words if word.startswith("/") and not word.startswith(f"{task.folder}/")]
+    return [*paths, *(str(Path(path).parent) for path in paths if path.endswith("verification.json"))]
+
+
+def _made(supervisor: Supervisor, made: Path | None) -> list[LakeItem]:
+    """What the lake knows of what a task made; results aside, which have a link of their own."""
+    every = [] if made is None else items_below(supervisor.catalog, str(made), most=EACH)
+    return [item for item in every if item.kind not in (*KINDS, "cluster")]
 
 
 def live(supervisor: Supervisor, request: Request) -> Told:
