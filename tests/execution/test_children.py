@@ -87,6 +87,7 @@ for file in range(3, 64):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text", [b"\xff" * 100, b"\x05" + b"\0" * 7 + b"hello", b"\0\0\0\1", b"\0\0\0\1" + b"\0" * 4]
 )

@@ -90,6 +90,7 @@ def swept(
     return duckdb.sql(f"select {columns} from '{out}/runs/*.parquet' order by run").fetchall()
 
 
+@pytest.mark.slow
 def test_a_helper_of_the_same_name_in_another_build_is_another_one(
     call: VerifyOptions, tmp_path: Path
 ) -> None:

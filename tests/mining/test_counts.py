@@ -37,6 +37,7 @@ def test_roads_of_two_maps_that_share_an_id_are_two() -> None:
     assert rows == [["2", "1", "1"]]
 
 
+@pytest.mark.slow
 def test_what_is_counted_of_several_recordings_is_what_their_tables_hold(tmp_path: Path) -> None:
     """Counted recording by recording, and at once from the tables of all."""
     found = mine(

@@ -213,6 +213,7 @@ def test_a_resumed_study_names_a_recording_where_it_lies_now(tmp_path: Path, dri
     assert read_mined(out).report.parts[0].folder == "../archive/drive"
 
 
+@pytest.mark.slow
 def test_what_was_taken_away_or_changed_of_an_earlier_study_is_made_again(
     tmp_path: Path, drive: Path
 ) -> None:

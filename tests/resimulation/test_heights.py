@@ -475,6 +475,7 @@ def written_height(road: str, s: float) -> float:
     return last["a"] + ds * (last["b"] + ds * (last["c"] + ds * last["d"]))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not TOWN.is_file(), reason="no shared data")
 def test_on_a_real_map_the_motorway_passes_over_the_road(tmp_path):
     """Road 39 lies 11 m over road 47 where they cross, without a junction."""

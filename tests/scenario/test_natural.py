@@ -73,6 +73,7 @@ def residual(t, rule, v, p_v, h, p_h, start, weights):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", [False, True])
 @settings(max_examples=20, deadline=None)
 @given(

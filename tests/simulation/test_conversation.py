@@ -209,6 +209,7 @@ def test_a_build_is_not_replaced_by_the_results_of_its_run(
     assert {file.name: file.read_bytes() for file in out.iterdir()} == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [True, False])
 @pytest.mark.parametrize(
     "how", ["failed on closing", "failed between two answers", "died", "answered otherwise"]
@@ -324,6 +325,7 @@ def test_a_question_that_is_no_map_is_refused(tmp_path: Path, question: bytes) -
         read_conversation(path)
 
 
+@pytest.mark.slow
 def test_another_map_with_the_same_lanes_is_another_drive(recorded: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "scenarios" / "rear_end", tmp_path / "slow")
     text = (ROOT / "networks" / "proving_ground.xodr").read_text(encoding="utf-8")

@@ -388,6 +388,7 @@ def test_a_function_that_swallows_every_interruption_is_ended_from_outside(tmp_p
     assert (tmp_path / "out" / "run.json").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_function_is_let_go_of_within_its_time_limit(
     drive: Drive, function: Make, member: Member, set_constant: Callable[..., None]
@@ -398,6 +399,7 @@ def test_a_function_is_let_go_of_within_its_time_limit(
     assert "on closing took longer than 0.3 s" in drive(own, member("e", 300.0, 20.0)).failure
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_what_a_module_holds_is_let_go_of_within_its_time_limit(
     write_build: Callable[..., Path], set_constant: Callable[..., None]

@@ -126,6 +126,7 @@ def test_what_a_served_function_does_costs_its_run(
         assert run(served_at(tmp_path, address), tmp_path / "after").returncode in (0, 1)
 
 
+@pytest.mark.slow
 def test_a_server_that_is_absent_killed_or_stopped_costs_the_run(process: Path, tmp_path: Path) -> None:
     with ExitStack() as stack:
         address, relay = stack.enter_context(server(process))
@@ -264,6 +265,7 @@ def test_what_another_server_answers_is_told(tmp_path: Path, drive: Any, why: st
         assert why in check.found
 
 
+@pytest.mark.slow
 def test_it_is_checked_and_recorded_as_a_process_is(process: Path, tmp_path: Path) -> None:
     with server(process) as (address, _):
         build = served_at(tmp_path, address)

@@ -264,6 +264,7 @@ def test_a_process_may_answer_many_runs_at_once(build: Callable[..., Path], tmp_
     assert "plans with different numbers of rows" in found["batches"].found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("old", "new"),
     [
@@ -318,6 +319,7 @@ class Follow:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reset", "v", "close"),
     [
@@ -411,6 +413,7 @@ serve(Counts)
 """
 
 
+@pytest.mark.slow
 def test_no_run_finds_what_another_wrote_nor_variables_that_the_build_does_not_name(
     build: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -526,6 +529,7 @@ def test_an_answer_too_many_or_of_another_kind_is_refused(
     assert why in done.stderr
 
 
+@pytest.mark.slow
 def test_a_verification_says_once_that_a_build_is_not_pinned(
     build: Callable[..., Path], tmp_path: Path
 ) -> None:

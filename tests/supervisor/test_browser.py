@@ -266,6 +266,7 @@ def test_a_hostile_document_can_do_nothing(
     context.close()
 
 
+@pytest.mark.slow
 def test_two_builds_are_compared_and_a_number_is_traced_to_its_origin(
     opened: Callable[..., Any], served: Callable[..., Any], catalog: str, tmp_path: Path
 ) -> None:

@@ -173,6 +173,7 @@ def test_a_server_that_is_killed_leaves_its_task_and_the_next_one_finds_it(
     assert queue.get(later.id).state == "done"
 
 
+@pytest.mark.slow
 def test_two_servers_at_once_do_each_task_once(
     served: Callable[..., Any], queue: TaskQueue, put: Callable[..., QueuedTask]
 ) -> None:
