@@ -51,6 +51,7 @@ from resim.space.members import (
     clusters_of,
     judged_members,
     not_mined,
+    overlapping,
 )
 from resim.space.model import Space
 from resim.space.page import (
@@ -277,15 +278,15 @@ def _calibration(
     space: Space, members: pd.DataFrame, build: str, spared: Sequence[SimulatedRun], known: DrivenTraces
 ) -> ReliabilityReport:
     """Whether predicted risk is to be believed, by predictions that know nothing of the drives that are held out."""
-    held = {run.recording for run in spared}
-    scenarios = [known.scenario.get(key, "") for key in held]
-    others = members[
-        ~members["origin"].isin([*held, *scenarios])
-    ]  # a variation tells of others of its recording
+    held = {known.draw.get(run.recording, run.recording) for run in spared}
+    alike = [key for key in known.scenario if known.draw.get(key, key) in held]
+    scenarios = overlapping(space.rows, {known.scenario[key] for key in alike})
+    # other seeds, variations and windows of what is held out would tell how it ends
+    others = members[~members["origin"].isin([*alike, *scenarios])]
     risks = predicted_risks(space, others, build, scenarios)
     whole = _whole(space)
     clusters = {key: name for key, name in clusters_of(space, known).items() if key not in whole}
-    return calibrated(risks, spared, clusters)
+    return calibrated(risks, spared, clusters, known.draw)
 
 
 def _whole(space: Space) -> set[str]:

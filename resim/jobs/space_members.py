@@ -15,7 +15,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import relative
-from resim.jobs.space_recordings import RecordingReader, SimulatedRecording
+from resim.jobs.space_recordings import RecordingReader, SimulatedRecording, draws
 from resim.mining.slots import slot_frame
 from resim.recordings.content import tracks_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_toml
@@ -268,7 +268,7 @@ def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
     names = bucket_names(pd.DataFrame([drives[key].place for key in keys]), space.settings) if keys else []
     frames = [drives[key].slots for key in keys] or [slot_frame([], [])]
     traces = from_frame(pd.concat(frames, ignore_index=True))
-    return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios)
+    return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios, draws(drives))
 
 
 def _scenarios(space: Space, drives: Mapping[str, SimulatedRecording]) -> dict[str, str]:

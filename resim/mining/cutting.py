@@ -54,11 +54,13 @@ class CutSource:
     Attributes:
         recording: The recording.
         tables: Its tables, as they are written.
+        tracks: Hash by which copies of it under other names are known (`tracks_hash`).
         reach: Distance [m] from the EGO within which everybody is in a scenario's recording.
     """
 
     recording: Recording
     tables: RecordingTables
+    tracks: str
     reach: float = NEAR
 
     @cached_property
@@ -110,7 +112,10 @@ def cut(source: CutSource, one: ExtractedScenario, name: str, about: str) -> Rec
     if own_drive and source.plan is not None:
         plan = source.plan.between(start, end)
         plan = plan.assign(t=plan["t"] - start, t_plan=plan["t_plan"] - start).reset_index(drop=True)
-    told = {"mined_from": recording.name, "mined": about, "original_start_s": f"{start:.9g}"}
+    told = {
+        "mined_from": recording.name, "mined_from_tracks": source.tracks, "mined": about,
+        "original_start_s": f"{start:.9g}",
+    }  # fmt: skip
     settings = tables.settings.model_copy(update={
         "name": name, "ego": ego, "provenance": {**recording.provenance, **told},
         "sd_rate": tables.settings.sd_rate if sd is not None else None,

@@ -240,7 +240,7 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     Scenarios that are to be fitted are not yet: `pending_fits` gives what is left to do, `finish_part` ends it.
     Raises InputError and other ResimErrors for a recording that cannot be mined.
     """
-    content, key = content_hash(folder), options.key()
+    content, tracks, key = content_hash(folder), tracks_hash(folder), options.key()
     part = out / "parts" / name
     if (before := _kept(part, out, content, key)) is not None:
         return replace(before, folder=seen_from(out, folder))  # of the same content, wherever it lies now
@@ -253,7 +253,7 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     frame = scenario_frame(name, mined.features, mined.scenarios, mined.names)
     if options.write:
         reach = NEAR if options.scenarios is None else AROUND
-        source = CutSource(mined.recording, read_tables(folder), reach)
+        source = CutSource(mined.recording, read_tables(folder), tracks, reach)
         frame = write_scenarios(source, mined.scenarios, frame, out, fit=options.fit)
     part.mkdir(parents=True, exist_ok=True)
     frames = maneuver_frame(name, mined.features, mined.maneuvers), frame, overview_frame(mined.features)
@@ -261,7 +261,7 @@ def mine_into(folder: Path, name: str, out: Path, options: StudyOptions) -> Mine
     for table, rows in zip(PART_TABLES, (*frames, slots), strict=True):
         write_parquet(rows, part / f"{table}.parquet")
     write_recording_page(mined, name, frames, out)
-    follows_from = content, tracks_hash(folder), key
+    follows_from = content, tracks, key
     return _write_mark(summary(mined, name, seen_from(out, folder), follows_from), part / CUT, out)
 
 

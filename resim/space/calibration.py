@@ -17,7 +17,8 @@ EDGES = (0.0, 1e-4, 1e-3, 1e-2, 0.03, 0.1, 0.3, 1.0)
 """Of the bins of predicted risk (our choice)."""
 LEAST = 20
 """Recordings of which drives are held out in a bin, below which nothing is told (our choice): none of 20 is at most
-14 %. Variations of one recording, and its seeds, are one draw of what traffic does, and tell nothing of others."""
+14 %. Variations of one recording, its seeds, and windows of one drive that overlap are one draw of what traffic does,
+and tell nothing of others."""
 Calibrated = Literal["calibrated", "too low", "not shown"]
 
 

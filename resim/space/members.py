@@ -2,16 +2,15 @@
 
 A simulated member counts where, for its build and perception, a test drive that this build drove is verified; where its
 origin, or the medoid of its cluster, lies within a stated slot distance of that drive, where time that the drive did
-not last for counts as far apart as can be; and where what was varied of
-it lies within what `resim verify --vary` found there (`trust` of `resim vary`). All others stay in the table, with
-the reason.
+not last for counts as far apart as can be; and where what was varied of it lies within what `resim verify --vary`
+found there (`trust` of `resim vary`). All others stay in the table, with the reason.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence, Set
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -104,11 +103,14 @@ class DrivenTraces:
         traces: Of recordings, named by their keys.
         bucket: Bucket of each, by key.
         scenario: Scenario of the space that each is, by key; "" for none.
+        draw: What several are one draw of, by key, such as windows of one drive that overlap; its own key, if it is not
+            there.
     """
 
     traces: SlotTraces
     bucket: Mapping[str, str]
     scenario: Mapping[str, str]
+    draw: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -247,6 +249,17 @@ def _origins(space: Space, recording: str, cluster: str, known: DrivenTraces) ->
 
 def _there(rows: Ints) -> Ints:
     return rows[rows >= 0]
+
+
+def overlapping(rows: pd.DataFrame, scenarios: Set[str]) -> list[str]:
+    """Give the scenarios of a space that share time in a recording with some of them, by name; those among them."""
+    found = set[str]()
+    told = rows[rows["scenario"].isin(scenarios)]
+    columns = (told[name].tolist() for name in ("source", "recording", "start", "end"))
+    for source, recording, start, end in zip(*columns, strict=True):
+        same = (rows["source"] == source) & (rows["recording"] == recording)
+        found |= set(rows["scenario"][same & (rows["start"] < end) & (rows["end"] > start)].astype(str))
+    return sorted(found)
 
 
 def clusters_of(space: Space, known: DrivenTraces) -> dict[str, str]:

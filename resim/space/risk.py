@@ -170,18 +170,20 @@ def _worst(members: pd.DataFrame) -> tuple[WorstMember, ...]:
 
 
 def calibrated(
-    risks: Sequence[ClusterRisk], held: Sequence[SimulatedRun], cluster: Mapping[str, str]
-) -> ReliabilityReport:
+    risks: Sequence[ClusterRisk], held: Sequence[SimulatedRun], cluster: Mapping[str, str],
+    draw: Mapping[str, str] | None = None,
+) -> ReliabilityReport:  # fmt: skip
     """Compare the risk of clusters, by their members that count, with the collisions of drives that were held out.
 
     risks: without what is held out (`predicted_risks`). cluster: of recordings, by key. A held-out drive of no cluster,
-    of one without a risk, or that is not what was verified has no prediction.
+    of one without a risk, or that is not what was verified has no prediction. draw: what several recordings are one
+    draw of, by key (`DrivenTraces`).
     """
     by_name = {one.cluster: one.risk.value for one in risks}
     of = ["" if run.changed or run.trust != INSIDE else cluster.get(run.recording, "") for run in held]
     predicted = np.array([by_name.get(name, np.nan) for name in of], dtype=float)
     collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
-    return reliability(predicted, collided, [run.recording for run in held])
+    return reliability(predicted, collided, [(draw or {}).get(run.recording, run.recording) for run in held])
 
 
 def cover_notes(members: pd.DataFrame, drives: Sequence[TestDrive]) -> list[str]:

@@ -24,11 +24,19 @@ from resim.jobs.space_members import (
     accidents,
     driven_traces,
 )
-from resim.jobs.space_recordings import RecordingReader
+from resim.jobs.space_recordings import RecordingReader, draws
 from resim.recordings.content import content_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
 from resim.space.build import cluster_buckets
-from resim.space.members import DrivenTraces, SimulatedRun, TestDrive, clusters_of, judged_members, not_mined
+from resim.space.members import (
+    DrivenTraces,
+    SimulatedRun,
+    TestDrive,
+    clusters_of,
+    judged_members,
+    not_mined,
+    overlapping,
+)
 from resim.space.model import Space
 from resim.space.risk import calibrated, cluster_risks, cover_notes
 from resim.space.traces import joined
@@ -325,6 +333,44 @@ def test_members_of_a_recording_that_is_held_out_do_not_predict_it(space: Space)
     assert (found.verdict, found.unknown) == ("not shown", 200)
     others = _calibration(space, members, "b", runs(range(20, 40), range(10)), there)
     assert (others.verdict, others.unknown) == ("calibrated", 0)
+
+
+def test_windows_of_one_drive_that_overlap_are_one_draw(space: Space) -> None:
+    """20 windows of one harmless moment calibrate nothing, and none of them predicts another."""
+    rng = np.random.default_rng(5)
+    keys = [*(f"r{k}" for k in range(40)), "drive"]
+    traces = joined([lasting(drawn(KINDS[0], key, rng, 0.5), 40) for key in keys])
+    apart = DrivenTraces(traces, dict.fromkeys(keys, BUCKET), dict.fromkeys(keys, ""))
+    runs = [SimulatedRun(key, key, "b", "p", 0.0, False, same=key) for key in keys[:-1]]
+    members = judged_members(space, runs[:20], [DRIVE], apart, 0.7)
+    assert _calibration(space, members, "b", runs[20:], apart).verdict == "calibrated"
+    one = replace(apart, draw=dict.fromkeys(keys[20:40], "r20"))
+    found = _calibration(space, members, "b", runs[20:], one)
+    assert (found.verdict, found.bins[0].recordings) == ("not shown", 1)
+    beside = replace(apart, draw={f"r{k}": f"r{k % 20}" for k in range(40)})
+    found = _calibration(space, members, "b", runs[20:], beside)
+    assert (found.verdict, found.unknown) == ("not shown", 20)
+
+
+def test_windows_are_told_by_the_drive_that_they_are_of() -> None:
+    def window(drive: str, begin: float, end: float) -> SimpleNamespace:
+        return SimpleNamespace(drive=drive, window=(begin, end))
+
+    told = {
+        "a": window("d", 0.0, 5.0),
+        "b": window("d", 4.0, 9.0),
+        "c": window("d", 8.0, 9.5),
+        "e": window("d", 9.5, 12.0),
+        "f": window("other", 0.0, 5.0),
+    }
+    assert draws(told) == {"a": "a", "b": "a", "c": "a", "e": "e", "f": "f"}  # type: ignore[arg-type]
+
+
+def test_scenarios_that_overlap_in_a_recording_are_told(space: Space) -> None:
+    rows = space.rows.assign(end=space.rows["start"] + 12.0)  # they begin 10 s after each other
+    names = rows["scenario"].astype(str).tolist()
+    assert overlapping(rows, {names[5]}) == sorted(names[4:7])
+    assert overlapping(space.rows, {names[5], ""}) == [names[5]]
 
 
 def test_a_run_that_is_there_again_is_no_further_evidence(space: Space) -> None:
