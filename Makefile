@@ -8,7 +8,7 @@ OMEGA := .venv-omega-prime
 PEER := .venv-exports
 FORMATS := .venv-formats
 MLFLOW := .venv-mlflow
-JOBS ?= 2
+JOBS ?= 3  # on two cores: a third of the tests wait for processes
 export OMP_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE  # each of hundreds of processes would compile resim anew
 

@@ -147,7 +147,18 @@ def kernel_likeness(
 
 
 def maneuver_traces(study: MiningResult, options: TrainOptions) -> Iterator[RecordingTraces]:
-    """The traces of all recordings, in their order."""
+    """Give the traces of all recordings that were mined, in their order.
+
+    Args:
+        study: What `resim mine` wrote.
+        options: How many traces, and how long.
+
+    Returns:
+        Recording by recording.
+
+    Raises:
+        ResimError: A recording cannot be read.
+    """
     table: pd.DataFrame = study.maneuvers
     wanted = {part.recording: wanted_maneuvers(table, part.recording) for part in study.report.parts}
     taken = chosen_maneuvers(wanted, options.longest, options.most)

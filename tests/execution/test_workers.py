@@ -129,6 +129,7 @@ def test_what_a_function_does_to_its_process_is_told_as_its_failure(name: str, t
     assert found == {0: [why] * times, 1: [""]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "how"),
     [

@@ -61,6 +61,7 @@ def test_a_drive_measured_with_noise_brakes_when_the_same_drive_simulated_does(n
     assert max(unlike) > 0.07
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.02, 0.05])
 def test_two_of_three_readings_are_off_by_no_more_than_the_spread(network: RoadNetwork, noise: float) -> None:
     """Off the same drive without noise: noise lets braking begin earlier, as fits of noisier tracks are smoother."""

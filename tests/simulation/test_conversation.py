@@ -103,6 +103,7 @@ def test_another_drive_fails_and_says_where_it_differs(
     assert why in done.stderr, done.stderr
 
 
+@pytest.mark.slow
 def test_a_death_is_recorded_too(tmp_path: Path) -> None:
     build = write(tmp_path / "own", "dies = 90\n")
     assert run(build, tmp_path / "out", "--record").returncode == 3

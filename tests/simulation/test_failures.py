@@ -372,6 +372,7 @@ def run_gt(scenario: str, build: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False, timeout=120)
 
 
+@pytest.mark.slow
 def test_a_function_that_swallows_every_interruption_is_ended_from_outside(tmp_path: Path) -> None:
     (tmp_path / "stubborn.py").write_text(
         "import time\nclass Stubborn:\n    def reset(self, setup): pass\n    def close(self): pass\n"

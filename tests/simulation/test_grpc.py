@@ -83,6 +83,7 @@ def wait(what: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_it_drives_as_the_process_does_also_two_runs_at_once(process: Path, tmp_path: Path) -> None:
     assert run(process, tmp_path / "alone").returncode in (0, 1)
     tables = ("tracks", "answers", "plans")

@@ -377,6 +377,7 @@ def test_a_check_does_not_print_the_tracebacks_that_it_asks_for(
     assert "Traceback" not in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_what_ships_holds() -> None:
     for name in ("highway_pilot-1.0", "idm-1.0", "constant_velocity-1.0"):
         found = check_function(ROOT / "adfunc" / "builds" / f"{name}.toml")

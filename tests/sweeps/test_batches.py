@@ -110,6 +110,7 @@ def test_each_run_of_a_batch_is_the_run_alone(build: str) -> None:
     assert set(differing(together[2:5], run_together(prepared, of, runs[2:5], DIRECT))) == {""}
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     st.sampled_from(["rear_end", "overtake", "neighbours/jam_end"]),
