@@ -68,8 +68,6 @@ from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 from resim.space.sources import read_mined
 
 EXAMPLE = "See docs/guides/space.md."
-FARTHEST_APART = 12.0
-"""The published distance at its most: every slot held by one of two alone."""
 COVER_AGAIN = "Cover the space again with `resim space cover`."
 
 
@@ -228,7 +226,10 @@ def cover(
         InputError: A folder is none of these, or they are of several builds or models.
     """
     folder, (found, told) = path_of(space), read_space(path_of(space))
-    within = _within(usual_threshold(found) if options.within is None else options.within)
+    farthest = found.settings.distance.longest
+    within = (
+        min(usual_threshold(found), farthest) if options.within is None else _within(options.within, farthest)
+    )
     how = SpaceReading(folder, RecordingReader())
     given = [(path_of(one), read_simulated(path_of(one), how)) for one in simulated]
     held = [(path_of(one), read_simulated(path_of(one), how)) for one in options.held_out]
@@ -250,7 +251,7 @@ def cover(
             versions(), files, file_hash(folder / MARK), first.build, first.label, first.perception, within,
             _runs(folder, given), _runs(folder, held), _verified(drives),
             not_mined(found, accidents(one for _, one in (*given, *held)), known), risks, calibration,
-            (*cover_notes(members, drives), *_mined_whole(found, spared)),
+            (*cover_notes(members, drives), *_mined_whole(found, spared, known)),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)
         write_cover_page(found, told, report, folder)
@@ -284,20 +285,22 @@ def _calibration(
     # other seeds, variations and windows of what is held out would tell how it ends
     others = members[~members["origin"].isin([*alike, *scenarios])]
     risks = predicted_risks(space, others, build, scenarios)
-    whole = _whole(space)
-    clusters = {key: name for key, name in clusters_of(space, known).items() if key not in whole}
+    mined = _mined_of(space, known)
+    clusters = {key: name for key, name in clusters_of(space, known).items() if key not in mined}
     return calibrated(risks, spared, clusters, known.draw)
 
 
-def _whole(space: Space) -> set[str]:
-    """Recordings that were mined for the space, by their tracks: which of its scenarios are of them is not known."""
-    return {tracks for one in space.sources for tracks in one.recordings}
+def _mined_of(space: Space, known: DrivenTraces) -> set[str]:
+    """Recordings, by key, of whose drives the space was mined: which of its scenarios are of them is not known."""
+    mined = {tracks for one in space.sources for tracks in one.recordings}
+    parts = {key for key, name in known.scenario.items() if not name and known.drive.get(key, key) in mined}
+    return mined | parts
 
 
-def _mined_whole(space: Space, spared: Sequence[SimulatedRun]) -> Iterator[str]:
+def _mined_whole(space: Space, spared: Sequence[SimulatedRun], known: DrivenTraces) -> Iterator[str]:
     """A note where nothing is predicted of drives that are held out, since the space was mined of them."""
-    whole = _whole(space)
-    count = sum(run.recording in whole for run in spared)
+    mined = _mined_of(space, known)
+    count = sum(run.recording in mined for run in spared)
     if count:
         yield (
             f"{count} held-out drives are of recordings that the space was mined of, and nothing is predicted of them: "
@@ -315,10 +318,10 @@ def _write_members(folder: Path, members: pd.DataFrame, traffic: str) -> dict[st
     return {name: file_hash(folder / name) for name in names}
 
 
-def _within(distance: float) -> float:
+def _within(distance: float, farthest: float) -> float:
     """Give the distance back. Raises InputError where it is none."""
-    if not 0.0 <= distance <= FARTHEST_APART:
-        raise InputError("--within", f"expected 0 to {FARTHEST_APART:g}, found {distance:g}")
+    if not 0.0 <= distance <= farthest:
+        raise InputError("--within", f"expected 0 to {farthest:g}, found {distance:g}")
     return distance
 
 

@@ -268,7 +268,8 @@ def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
     names = bucket_names(pd.DataFrame([drives[key].place for key in keys]), space.settings) if keys else []
     frames = [drives[key].slots for key in keys] or [slot_frame([], [])]
     traces = from_frame(pd.concat(frames, ignore_index=True))
-    return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios, draws(drives))
+    return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios,
+                        {key: one.drive for key, one in drives.items()}, draws(drives))  # fmt: skip
 
 
 def _scenarios(space: Space, drives: Mapping[str, SimulatedRecording]) -> dict[str, str]:

@@ -68,7 +68,8 @@ def reliability(
 ) -> ReliabilityReport:
     """Compare predicted risk (K,) with collisions (K,), 1 or 0; NaN where either is not known.
 
-    recording (K,): of which recording each is; each of its own, if None.
+    recording (K,): of which recording each is; each of its own, if None. Drives of one recording are one draw: their
+    means count as one drive.
 
     A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, and
     neither is one of the drives that a bin needs, so that what is missing never makes it better: with a collision that
@@ -85,11 +86,11 @@ def reliability(
     bins = []
     for k in held:
         mine = where == k
-        found = share(float(hit[mine].sum()), float(mine.sum()), confidence)
-        mean = float(told[mine].mean())
+        found = _collided(hit[mine], of[mine], confidence)
+        mean = float(_per_draw(told[mine], of[mine]).mean())
         verdict: Calibrated = "calibrated"
         known = mine & ~unknown
-        if known.any() and mean < share(float(hit[known].sum()), float(known.sum()), confidence).low:
+        if known.any() and mean < _collided(hit[known], of[known], confidence).low:
             verdict = "too low"
         elif mean < found.low or counts[k] < LEAST:
             verdict = "not shown"
@@ -104,6 +105,18 @@ def reliability(
         else "calibrated"
     )  # fmt: skip
     return ReliabilityReport(tuple(bins), whole, len(told), int(unknown.sum()))
+
+
+def _per_draw(values: Floats, of: np.ndarray) -> Floats:
+    """The mean of values (K,) over drives of each recording, of which `of` (K,) is the number."""
+    _, where, count = np.unique(of, return_inverse=True, return_counts=True)
+    return np.asarray(np.bincount(where, values) / count, dtype=float)
+
+
+def _collided(hit: Floats, of: np.ndarray, confidence: float) -> IntervalEstimate:
+    """The share of draws that collide."""
+    per_draw = _per_draw(hit, of)
+    return share(float(per_draw.sum()), float(len(per_draw)), confidence)
 
 
 def believed(report: ReliabilityReport | None, low: float, high: float) -> bool:

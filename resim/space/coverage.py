@@ -9,7 +9,7 @@ import numpy as np
 from resim.core.geometry import Floats
 from resim.space.report import ConvergenceEntry, CoverageEntry, DiscoveryCurve
 from resim.space.statistics.rates import IntervalEstimate, rate, share, spread_of
-from resim.space.statistics.unseen import held_out, kinds_at_least, more_needed, unseen_share
+from resim.space.statistics.unseen import HeldOutCheck, held_out, kinds_at_least, more_needed, unseen_share
 from resim.space.traces import Ints
 
 LIMIT = 0.05
@@ -54,12 +54,15 @@ def coverage(seen: SeenScenarios) -> CoverageEntry:
     Scenarios of one kind and occasion are one: several EGOs that see the same lane change tell of one kind once.
     """
     once = first_of_each(seen)
-    counts = _counts(once.kind)
-    spread = _singles_at_once(once)
     hours, kilometres = _later_discovery(once)
     return CoverageEntry(
-        kinds_at_least(counts), hours, kilometres, convergence(once), held_out(once.kind, spread), curve(once)
+        kinds_at_least(_counts(once.kind)), hours, kilometres, convergence(once), halves(once), curve(once)
     )
+
+
+def halves(once: SeenScenarios) -> HeldOutCheck | None:
+    """Check the unseen share of the first half against the second. once: the first of each kind and occasion."""
+    return held_out(once.kind, _singles_at_once(once))
 
 
 def first_of_each(seen: SeenScenarios) -> SeenScenarios:

@@ -29,7 +29,7 @@ FULL_BEND = 0.01
 ROWS = 64
 """Rows of the matrix that are one piece of work."""
 
-Weight = Annotated[float, Field(strict=True, ge=0.0)]
+Weight = Annotated[float, Field(strict=True, ge=0.0, le=1e6)]
 
 
 class DistanceOptions(Strict):

@@ -103,6 +103,7 @@ class DrivenTraces:
         traces: Of recordings, named by their keys.
         bucket: Bucket of each, by key.
         scenario: Scenario of the space that each is, by key; "" for none.
+        drive: Key of the drive that each was cut out of, by key; its own, if it is not there.
         draw: What several are one draw of, by key, such as windows of one drive that overlap; its own key, if it is not
             there.
     """
@@ -110,6 +111,7 @@ class DrivenTraces:
     traces: SlotTraces
     bucket: Mapping[str, str]
     scenario: Mapping[str, str]
+    drive: Mapping[str, str] = field(default_factory=dict)
     draw: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -188,8 +190,11 @@ def _legitimacy(
         return Legitimacy(
             "", math.nan, "no verified drive was driven by this build: people's drives are no test drives"
         )
+    contradicted = {one.recording for one in driven if one.verdict != "verified"}
     good = [
-        one for one in driven if one.verdict == "verified" and (known.traces.rows_of([one.recording]) >= 0)[0]
+        one
+        for one in driven
+        if one.recording not in contradicted and (known.traces.rows_of([one.recording]) >= 0)[0]
     ]
     if not good:
         return Legitimacy("", math.nan, "no test drive of this build is verified")

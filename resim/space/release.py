@@ -14,6 +14,8 @@ from resim.core.provenance import versions
 from resim.core.spec import EXACT, NumberOrNan
 from resim.core.spelling import counted
 from resim.space.calibration import ReliabilityReport
+from resim.space.coverage import first_of_each, halves
+from resim.space.described import seen as in_order_driven
 from resim.space.expected import (
     AccidentTerms,
     ExposedScenarios,
@@ -116,7 +118,7 @@ class RemainingDomain:
     Attributes:
         clusters: Clusters that are left.
         share: Their share of what was driven through, with its interval.
-        enough: Whether all limits on accidents are met without the others, and none happened in no scenario.
+        enough: Whether all limits are met without the others, and none happened in no scenario.
         high: Upper limit of accidents an hour in it; NaN where something happened in no scenario.
     """
 
@@ -217,6 +219,16 @@ def _seen(exposed: ExposedScenarios, off_lane: np.ndarray, left_out: int) -> Exp
     return ExposedScenarios(kind, occasion, exposed.clusters + lone)
 
 
+def _more_new(space: Space) -> Iterator[str]:
+    """Where the later half of what was driven has more new kinds than the first one tells."""
+    check = halves(first_of_each(in_order_driven(space, np.arange(len(space.rows)))))
+    if check is not None and check.found.low > check.predicted.high:
+        yield (
+            f"of the later half of scenarios at least {100.0 * check.found.low:.3g} % are of new kinds, where the "
+            f"first half tells of at most {100.0 * check.predicted.high:.3g} %: what comes is not as what was seen"
+        )
+
+
 def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
     """What happened on drives of the space, and is in no scenario."""
     build = "" if cover is None else cover.build
@@ -230,6 +242,7 @@ def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
             f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
             "and build it of them as well"
         )
+    yield from _more_new(space)
     if left_out := sum(one.left_out for one in space.sources):
         yield f"{left_out} scenarios have no slots: of which kinds they are is not known"
     if off := int((space.traces.lane < 0).sum()):
@@ -246,13 +259,13 @@ def decide(
     terms = {per: case.accidents(per) for per in case.driven}
     checks = release_checks(case, terms)
     verdict = verdict_of(checks, case.believed, case.unknown)
-    forbidding, remaining = _odd(space, case, verdict)
+    forbidding, remaining = _odd(space, case, verdict, seen=checks[0].met)
     return ReleaseReport(
         versions(), {}, hashes["space"], hashes["cover"], hashes["limits"], limits,
         "" if cover is None else cover.label, "" if cover is None else cover.build,
         "" if cover is None else cover.perception, verdict, _statement(case, verdict, checks), checks,
         tuple(_budget(per, found, case) for per, found in terms.items()), forbidding, remaining, _plan(space, case),
-        tuple(_notes(case, cover)),
+        (_how(space, cover), *_notes(case, cover)),
     )  # fmt: skip
 
 
@@ -311,9 +324,12 @@ def _finite(value: float) -> float:
 
 
 def _odd(
-    space: Space, case: ReleaseCase, verdict: ReleaseVerdict
+    space: Space, case: ReleaseCase, verdict: ReleaseVerdict, *, seen: bool
 ) -> tuple[tuple[ForbiddingCluster, ...], RemainingDomain]:
-    """The clusters that forbid the release, those with most accidents first, and what is left without them."""
+    """The clusters that forbid the release, those with most accidents first, and what is left without them.
+
+    seen: whether enough of the kinds were seen.
+    """
     risk = case.risk
     count = np.bincount(case.exposed.kind, minlength=case.exposed.clusters)
     weight = count * np.array([one.high for one in risk])
@@ -337,7 +353,7 @@ def _odd(
     )  # fmt: skip
     left = total - float(count[out].sum())
     high = case.accidents("hour", out).high
-    enough = _fits(case, out) and not case.unknown  # what is in no cluster goes with none
+    enough = _fits(case, out) and seen and not case.unknown  # what is in no cluster goes with none
     spread = spread_of(np.unique(case.exposed.occasion, return_counts=True)[1])
     kept = RemainingDomain(
         len(order) - len(out),
@@ -392,6 +408,13 @@ def _found(one: ReleaseCheck) -> str:
     if one.name.startswith("accidents"):
         return f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known"
     return f"at least {one.low:.3g}"
+
+
+def _how(space: Space, cover: CoverReport | None) -> str:
+    """By which settings there are kinds, and members of them: others give another verdict."""
+    how = space.settings
+    counts = "" if cover is None else f"; members count up to {cover.within:g} from a verified drive"
+    return f"kinds are by {how.bucket}, {how.linkage} linkage and the threshold {how.threshold}{counts}"
 
 
 def _notes(case: ReleaseCase, cover: CoverReport | None) -> list[str]:

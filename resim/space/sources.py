@@ -231,7 +231,7 @@ class _Accidents:
 
     def unclear(self, one: DrivenRecording) -> bool:
         """Say whether its own EGO collides, or may, and nobody says when."""
-        return (one.name, one.ego) in self._unclear and (one.name, one.ego) not in self.spans
+        return (one.name, one.ego) in self._unclear
 
     def outside(self, one: DrivenRecording, rows: pd.DataFrame) -> int:
         """Count those of a recording's own EGO that are in no scenario of it."""

@@ -239,3 +239,5 @@ def test_a_collision_in_no_scenario_is_an_accident_of_the_build(tmp_path: Path, 
     assert len(rows)
     assert rows["collided"].isna().all() == (last < 8.0)  # nobody says whether the EGO hit it
     assert rows["collided"].fillna(True).all()
+    (one,) = read_mined(tmp_path / "risk").recordings
+    assert one.accidents == (last < 8.0)  # it may have hit somebody outside of the scenario

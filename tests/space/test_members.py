@@ -75,6 +75,7 @@ def test_a_run_near_a_verified_test_drive_counts(space: Space) -> None:
         ([replace(DRIVE, perception="")], RUN, known(), "no drive was verified with this build and perception"),
         ([replace(DRIVE, own=False)], RUN, known(), "people's drives are no test drives"),
         ([replace(DRIVE, verdict="undecided")], RUN, known(), "no test drive of this build is verified"),
+        ([DRIVE, replace(DRIVE, verdict="not verified")], RUN, known(), "no test drive of this build is verified"),
         ([DRIVE], RUN, known(drive=KINDS[3]), "the nearest verified test drive is"),
         ([DRIVE], replace(RUN, changed="perception.latency.speed is swept"), known(), "it is not what was verified"),
         ([DRIVE], replace(RUN, trust="outside"), known(), "its variation lies outside"),
@@ -309,8 +310,11 @@ def test_a_drive_that_is_held_out_does_not_predict_itself(space: Space) -> None:
     others = replace(scenarios, scenario=dict.fromkeys(keys, ""))
     found = _calibration(mined, members, "f-1", held[:60], others)
     assert (found.verdict, found.unknown) == ("not shown", 50)
+    of_parts = replace(others, drive=dict.fromkeys(keys[:50], "whole"))  # cut out of a drive that was mined
+    whole = replace(own, sources=tuple(replace(one, recordings=("whole",)) for one in own.sources))
+    assert _calibration(whole, members, "f-1", held[:60], of_parts).unknown == 50
     assert "50 held-out drives are of recordings that the space was mined of" in next(
-        _mined_whole(mined, held)
+        _mined_whole(mined, held, others)
     )
 
 

@@ -291,6 +291,36 @@ def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space, tmp_pa
     assert "at most –" not in told
 
 
+def test_a_later_half_that_brings_more_than_the_first_tells_is_not_released() -> None:
+    space = space_of([*[*KINDS[:5]] * 20, *[*KINDS[5:10]] * 20], hours=200.0)
+    found = decided(space, members(space, 5000, 0.0), limits(0.1))
+    assert found.verdict == "not shown"
+    assert "are of new kinds, where the first half tells of at most" in found.statement
+
+
+def test_no_odd_is_enough_where_too_few_kinds_were_seen() -> None:
+    space = space_of([*KINDS[:5]] * 2, hours=1000.0)
+    found = decided(space, members(space, 5000, 0.0), limits(0.1))
+    assert (found.verdict, found.checks[0].met, found.remaining.enough) == ("not shown", False, False)
+
+
+def test_a_release_says_by_which_settings_there_are_kinds(seen: Space) -> None:
+    wide = space_of([*KINDS], hours=200.0, settings=SpaceSettings(threshold=12.0))
+    told = [decided(one, members(one, 9, 0.0), limits(0.1)).notes[0] for one in (seen, wide)]
+    assert told[0] == (
+        "kinds are by road, complete linkage and the threshold 0.7; members count up to 0.7 from a verified drive"
+    )
+    assert "threshold 12.0" in told[1]
+
+
+def test_variations_of_one_recording_dilute_no_bin() -> None:
+    predicted, hit = np.full(20, 0.005), np.arange(20) < 10
+    names = [f"r{k}" for k in range(20)]
+    assert reliability(predicted, hit.astype(float), names).verdict == "too low"
+    more, harmless = np.full(10020, 0.005), np.concatenate([hit, np.zeros(10000)]).astype(float)
+    assert reliability(more, harmless, [*names, *["r19"] * 10000]).verdict == "too low"
+
+
 def test_scenarios_of_unknown_kind_are_no_kind_that_was_seen(seen: Space) -> None:
     lane = np.where(np.arange(len(seen.traces.lane)) < seen.traces.first[40], -1, seen.traces.lane)
     off = replace(seen, traces=replace(seen.traces, lane=lane))
