@@ -10,15 +10,17 @@ import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from resim.recordings.content import content_hash
 from resim.results.catalog import Catalog
-from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
+from resim.results.entry import KINDS, CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
 from resim.results.queue import new_id
 from resim.supervisor.documents import find_document
+from resim.supervisor.views.common import MissingError, result_folder
 from resim.supervisor.words import size, tone
 
 ROOT = Path(__file__).parents[2]
@@ -314,6 +316,16 @@ def test_no_document_leads_out_of_its_folder(tmp_path: Path, name: str) -> None:
     assert find_document(folder, "run.json").path == folder / "run.json"
     with pytest.raises(InputError, match="is no file of this folder"):
         find_document(folder, name)
+
+
+def test_a_result_whose_folder_became_a_link_is_not_here(tmp_path: Path) -> None:
+    real, folder = tmp_path / "elsewhere", tmp_path / "result"
+    real.mkdir()
+    (real / KINDS["run"][0]).write_text("{}")
+    catalog = SimpleNamespace(entries=lambda ids: [SimpleNamespace(folder=folder, kind="run")])
+    folder.symlink_to(real)
+    with pytest.raises(MissingError, match="is not here"):
+        result_folder(SimpleNamespace(catalog=catalog), "a")  # type: ignore[arg-type]
 
 
 def test_verdicts_that_are_not_known_are_never_good() -> None:

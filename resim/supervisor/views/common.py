@@ -96,9 +96,9 @@ def entry_of(supervisor: Supervisor, name: str) -> CatalogEntry:
 
 
 def result_folder(supervisor: Supervisor, name: str) -> Path:
-    """Give the folder of a result that the catalog knows, and that holds one. Raises MissingError for any other."""
+    """Give the folder of a result in the catalog, which holds one and is no link. Raises MissingError for any other."""
     entry = entry_of(supervisor, name)
-    if not (entry.folder / KINDS[entry.kind][0]).is_file():
+    if entry.folder.is_symlink() or not (entry.folder / KINDS[entry.kind][0]).is_file():
         raise MissingError("The folder of this result is not here.")
     return entry.folder
 
