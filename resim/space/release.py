@@ -14,7 +14,7 @@ from resim.core.provenance import versions
 from resim.core.spec import EXACT, NumberOrNan
 from resim.core.spelling import counted
 from resim.space.calibration import ReliabilityReport
-from resim.space.coverage import first_of_each, halves
+from resim.space.coverage import SeenScenarios, first_of_each, halves
 from resim.space.described import seen as in_order_driven
 from resim.space.expected import (
     AccidentTerms,
@@ -200,28 +200,27 @@ def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits)
     """Give what a decision about a release follows from."""
     names, kind = np.unique(space.rows["cluster"].to_numpy(str), return_inverse=True)
     exposed = ExposedScenarios(kind, space.rows["occasion"].to_numpy(np.intp), len(names))
-    seen = _seen(exposed, space.traces.off_lane, sum(one.left_out for one in space.sources))
+    told = in_order_driven(space, np.arange(len(space.rows)))
+    seen = _seen(told, sum(one.left_out for one in space.sources))
     risks = {} if cover is None else {one.cluster: one for one in cover.clusters}
     calibration = None if cover is None else cover.calibration
     hours, kilometres = space.driven
     return ReleaseCase(
-        tuple(names.tolist()), exposed, seen, risks, calibration, tuple(_unknown(space, cover)),
+        tuple(names.tolist()), exposed, seen, risks, calibration, tuple(_unknown(space, told, cover)),
         {"hour": hours, "kilometre": kilometres}, limits,
     )  # fmt: skip
 
 
-def _seen(exposed: ExposedScenarios, off_lane: np.ndarray, left_out: int) -> ExposedScenarios:
-    """Scenarios of which those that are off the lanes (N,), and so many more, are each of a kind of its own."""
-    lone = int(off_lane.sum()) + left_out
-    kind = np.concatenate([exposed.kind, np.zeros(left_out, np.intp)])
-    kind[np.concatenate([off_lane, np.ones(left_out, bool)])] = exposed.clusters + np.arange(lone)
-    occasion = np.concatenate([exposed.occasion, 1 + exposed.occasion.max(initial=-1) + np.arange(left_out)])
-    return ExposedScenarios(kind, occasion, exposed.clusters + lone)
+def _seen(told: SeenScenarios, left_out: int) -> ExposedScenarios:
+    """Scenarios in the order in which they were driven, and so many more, each of a kind and occasion of its own."""
+    more, clusters = np.arange(left_out), 1 + int(told.kind.max(initial=-1))
+    occasion = np.concatenate([told.occasion, 1 + told.occasion.max(initial=-1) + more])
+    return ExposedScenarios(np.concatenate([told.kind, clusters + more]), occasion, clusters + left_out)
 
 
-def _more_new(space: Space) -> Iterator[str]:
+def _more_new(told: SeenScenarios) -> Iterator[str]:
     """Where the later half of what was driven has more new kinds than the first one tells."""
-    check = halves(first_of_each(in_order_driven(space, np.arange(len(space.rows)))))
+    check = halves(first_of_each(told))
     if check is not None and check.found.low > check.predicted.high:
         yield (
             f"of the later half of scenarios at least {100.0 * check.found.low:.3g} % are of new kinds, where the "
@@ -229,7 +228,7 @@ def _more_new(space: Space) -> Iterator[str]:
         )
 
 
-def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
+def _unknown(space: Space, told: SeenScenarios, cover: CoverReport | None) -> Iterator[str]:
     """What happened on drives of the space, and is in no scenario."""
     build = "" if cover is None else cover.build
     if accidents := sum(one.accidents.get(build, 0) for one in space.sources):
@@ -242,7 +241,7 @@ def _unknown(space: Space, cover: CoverReport | None) -> Iterator[str]:
             f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
             "and build it of them as well"
         )
-    yield from _more_new(space)
+    yield from _more_new(told)
     if left_out := sum(one.left_out for one in space.sources):
         yield f"{left_out} scenarios have no slots: of which kinds they are is not known"
     if off := int((space.traces.lane < 0).sum()):

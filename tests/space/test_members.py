@@ -430,11 +430,10 @@ def write_drive(folder: Path, lead: float, driven_by: str) -> None:
     )
 
 
-def test_a_recording_that_could_not_be_verified_is_not_left_out(tmp_path: Path) -> None:
-    """It may hold an accident: of it nobody says how it ends."""
-    write_drive(tmp_path, 20.0, "b")
+def verified_with() -> SimpleNamespace:
+    """What a verification without a perception model was made with."""
     build = SimpleNamespace(hash="b", label="b-1", path="b.toml")
-    inputs = SimpleNamespace(
+    return SimpleNamespace(
         against=None,
         build=build,
         perception=None,
@@ -443,6 +442,12 @@ def test_a_recording_that_could_not_be_verified_is_not_left_out(tmp_path: Path) 
         settings=(),
         accept=(),
     )
+
+
+def test_a_recording_that_could_not_be_verified_is_not_left_out(tmp_path: Path) -> None:
+    """It may hold an accident: of it nobody says how it ends."""
+    write_drive(tmp_path, 20.0, "b")
+    inputs = verified_with()
     how = SpaceReading(tmp_path / "space", RecordingReader())
     failed = FailedRecording("d", ".", content_hash(tmp_path), "error", "process died", True)
     report = SimpleNamespace(inputs=inputs, recordings=[failed])
@@ -520,16 +525,7 @@ def test_copies_under_other_names_are_one_drive(tmp_path: Path) -> None:
     told.write_text(told.read_text().replace('ego = "ego"', 'ego = "1"'))
     assert reader.read(tmp_path / "b", content_hash(tmp_path / "b")).key not in keys  # around somebody else
     told.write_text(told.read_text().replace('ego = "1"', 'ego = "ego"'))
-    build = SimpleNamespace(hash="b", label="b-1", path="b.toml")
-    inputs = SimpleNamespace(
-        against=None,
-        build=build,
-        perception=None,
-        vehicle="single-track",
-        traffic=None,
-        settings=(),
-        accept=(),
-    )
+    inputs = verified_with()
     entries = [
         FailedRecording(name, name, key, "error", "process died", True)
         for name, key in zip(names, hashes, strict=True)
