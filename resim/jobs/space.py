@@ -60,7 +60,8 @@ from resim.space.page import (
     write_release_page,
     write_space_page,
 )
-from resim.space.release import ReleaseReport, decide
+from resim.space.release import decide
+from resim.space.release_report import ReleaseReport
 from resim.space.report import MARK, SpaceReport
 from resim.space.risk import MARK as COVER
 from resim.space.risk import CoverReport, calibrated, cluster_risks, cover_notes, predicted_risks
@@ -292,7 +293,7 @@ def _calibration(
 
 def _mined_of(space: Space, known: DrivenTraces) -> set[str]:
     """Recordings, by key, of whose drives the space was mined: which of its scenarios are of them is not known."""
-    mined = {tracks for one in space.sources for tracks in one.recordings}
+    mined = {tracks for one in space.sources for tracks in one.recordings.values()}
     parts = {key for key, name in known.scenario.items() if not name and known.drive.get(key, key) in mined}
     return mined | parts
 

@@ -256,7 +256,7 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
 
 def _refuse_twice(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
     """Raise InputError where a recording was mined twice: its hours and kinds would count twice."""
-    known = {tracks for one in entries for tracks in one.recordings}
+    known = {tracks for one in entries for tracks in one.recordings.values()}
     for one in source.recordings:
         if one.tracks and one.tracks in known:
             problem = f"recording {one.name} is in the space already"
@@ -280,7 +280,7 @@ def _entry(source: MinedSource, name: str, batch: int) -> SourceEntry:
         sum(one.hours for one in source.recordings), sum(one.kilometres for one in source.recordings), len(rows),
         int(rows["occasion"].nunique()), len(source.left_out),
         float((rows["build"] != "").mean()) if len(rows) else math.nan,
-        tuple(one.tracks for one in source.recordings if one.tracks), source.failed, _accidents(source),
+        {one.name: one.tracks for one in source.recordings if one.tracks}, source.failed, _accidents(source),
     )  # fmt: skip
 
 

@@ -6,16 +6,16 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
+import pandas as pd
 
 from resim.core.provenance import versions
-from resim.core.spec import EXACT, NumberOrNan
 from resim.core.spelling import counted
 from resim.space.calibration import ReliabilityReport
 from resim.space.coverage import SeenScenarios, first_of_each, halves
 from resim.space.described import seen as in_order_driven
+from resim.space.draws import scenario_draws
 from resim.space.expected import (
     AccidentTerms,
     ExposedScenarios,
@@ -25,12 +25,20 @@ from resim.space.expected import (
     unseen_of,
 )
 from resim.space.limits import Per, ReleaseLimits
+from resim.space.missing import hours_for_accidents, hours_for_kinds
 from resim.space.model import Space
+from resim.space.release_report import (
+    AccidentBudget,
+    ForbiddingCluster,
+    ReleaseCheck,
+    ReleaseReport,
+    ReleaseVerdict,
+    RemainingDomain,
+)
 from resim.space.risk import ClusterRisk, CoverReport
 from resim.space.statistics.rates import IntervalEstimate, share, spread_of
 from resim.space.test_plan import PlannedTest, test_plan
 
-MARK = "release.json"
 SENTENCE = (
     "The AD function is tested against a set of scenarios we trust to represent the entirety of scenarios within the "
     "ODD at enough confidence, and the overall risk across these scenarios is low enough to release the function with "
@@ -38,119 +46,6 @@ SENTENCE = (
 )
 IN_NO_SCENARIO = "mine what is in no scenario or of no known kind: the limit holds without it"
 """What comes before any proposal, where there is such."""
-ReleaseVerdict = Literal["good", "bad", "not shown"]
-"""`good`: all limits are met with their confidence; `bad`: a limit is exceeded with it; else `not shown`."""
-
-
-@dataclass(frozen=True)
-class ReleaseCheck:
-    """One thing that a release asks for.
-
-    Attributes:
-        name: What.
-        value: What was found; NaN where nothing is known.
-        low: Lower limit of it.
-        high: Upper limit of it, NaN where there is none; for a share that must be large, the lower one decides.
-        limit: What is asked for.
-        met: Whether it is, with the confidence.
-        exceeded: Whether the contrary is shown.
-        source: Where the limit is from.
-    """
-
-    name: str
-    value: NumberOrNan
-    low: NumberOrNan
-    high: NumberOrNan
-    limit: float
-    met: bool
-    exceeded: bool
-    source: str
-
-
-@dataclass(frozen=True)
-class AccidentBudget:
-    """Accidents by hour or kilometre, by what they are of.
-
-    Attributes:
-        per: Hour or kilometre.
-        known: Of clusters whose risk is known: estimate and limits.
-        thin: Upper limit of those with too few members that count, or uncalibrated risk: each scenario an accident.
-        unseen: Upper limit of kinds not seen: each scenario an accident.
-        high: Upper limit of all; NaN where something happened in no scenario.
-        limit: What is asked for; NaN where nothing is.
-    """
-
-    per: Per
-    known: IntervalEstimate
-    thin: NumberOrNan
-    unseen: NumberOrNan
-    high: NumberOrNan
-    limit: NumberOrNan
-
-
-@dataclass(frozen=True)
-class ForbiddingCluster:
-    """A cluster that forbids the release.
-
-    Attributes:
-        cluster: Its name.
-        bucket: Of it.
-        medoid: Its test case.
-        share: Its share of what comes.
-        risk: Upper limit of the risk of a scenario of it.
-        accidents: Its part of the accidents by hour, at that limit.
-        why: `risk` where it is known and too high, else what is missing.
-    """
-
-    cluster: str
-    bucket: str
-    medoid: str
-    share: float
-    risk: float
-    accidents: NumberOrNan
-    why: str
-
-
-@dataclass(frozen=True)
-class RemainingDomain:
-    """The ODD without the clusters that forbid the release.
-
-    Attributes:
-        clusters: Clusters that are left.
-        share: Their share of what was driven through, with its interval.
-        enough: Whether all limits are met without the others, and none happened in no scenario.
-        high: Upper limit of accidents an hour in it; NaN where something happened in no scenario.
-    """
-
-    clusters: int
-    share: IntervalEstimate
-    enough: bool
-    high: NumberOrNan
-
-
-@dataclass(frozen=True)
-class ReleaseReport:
-    """A decision about a release, as release.json says it."""
-
-    __pydantic_config__ = EXACT
-
-    versions: Mapping[str, str]
-    files: Mapping[str, str]
-    space: str
-    cover: str
-    limits_hash: str
-    limits: ReleaseLimits
-    label: str
-    build: str
-    perception: str
-    verdict: ReleaseVerdict
-    statement: str
-    checks: tuple[ReleaseCheck, ...]
-    budgets: tuple[AccidentBudget, ...]
-    forbidding: tuple[ForbiddingCluster, ...]
-    remaining: RemainingDomain
-    plan: tuple[PlannedTest, ...]
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +82,7 @@ class ReleaseCase:
     def risk(self) -> list[RiskLimit]:
         """The risk of a scenario of each cluster (C,)."""
         told = self.limits
-        return risk_limits(self.names, self.risks, told.confidence, told.least_members, self.calibration)
+        return risk_limits(self.names, self.risks, told.confidence, told.least_scenarios, self.calibration)
 
     def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
         """Give expected accidents, without clusters that are left out of the ODD."""
@@ -271,7 +166,13 @@ def decide(
 def _plan(space: Space, case: ReleaseCase) -> tuple[PlannedTest, ...]:
     """What to do next; where something happened in no scenario, it comes first."""
     asked = case.driven["hour"], case.limits
-    plan = test_plan(case.names, case.exposed, case.risk, asked, _medoids(space), case.seen)
+    draws = [
+        set(part)
+        for _, part in pd.Series(scenario_draws(space.rows)).groupby(space.rows["cluster"].to_numpy(str))
+    ]
+    counting = [case.risks[name].scenarios if name in case.risks else 0 for name in case.names]
+    scenarios = [(len(own), count) for own, count in zip(draws, counting, strict=True)]
+    plan = test_plan(case.names, case.exposed, case.risk, asked, _medoids(space), case.seen, scenarios)
     if not case.unknown:
         return plan
     return tuple(replace(one, first="; ".join(filter(None, (IN_NO_SCENARIO, one.first)))) for one in plan)
@@ -284,6 +185,7 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
     seen = ReleaseCheck(
         "the next scenario is of a kind that was seen", 1.0 - unseen.value, 1.0 - unseen.high, 1.0 - unseen.low,
         limits.least_seen, bool(1.0 - unseen.high >= limits.least_seen), bool(1.0 - unseen.low < limits.least_seen),
+        hours_for_kinds(case.seen, 1.0 - limits.least_seen, limits.confidence, case.driven["hour"]),
         limits.least_seen_source,
     )  # fmt: skip
     out = [seen]
@@ -293,7 +195,11 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
         out.append(
             ReleaseCheck(
                 f"accidents by {one.per}", found.value, found.low, _finite(high), one.accidents,
-                bool(high <= one.accidents), bool(found.low > one.accidents), one.source,
+                bool(high <= one.accidents), bool(found.low > one.accidents),
+                hours_for_accidents(
+                    case.seen, one.accidents, (1.0 - limits.confidence) / 3.0, case.driven[one.per], case.driven["hour"]
+                ),
+                one.source,
             )
         )  # fmt: skip
     return tuple(out)
@@ -372,14 +278,12 @@ def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:
     one = case.risks.get(case.names[k])
     if risk.known:
         return "risk"
-    if one is None or not one.values:
+    if one is None or not one.scenarios:
         reasons = "" if one is None or not one.why else f": {next(iter(one.why))}"
         return f"no member counts{reasons}"
-    if len(one.values) < case.limits.least_members:
-        few = counted(len(one.values), "member")
-        return (
-            f"{few} that count{'s' * (len(one.values) == 1)}, at least {case.limits.least_members} are needed"
-        )
+    if one.scenarios < case.limits.least_scenarios:
+        some = counted(one.scenarios, "scenario")
+        return f"members of {some} count, at least {case.limits.least_scenarios} are needed"
     return "its risk is not calibrated: there are not enough held-out drives with such a risk"
 
 
@@ -404,9 +308,11 @@ def _statement(case: ReleaseCase, verdict: ReleaseVerdict, checks: Sequence[Rele
 
 
 def _found(one: ReleaseCheck) -> str:
+    """What was found where it is not enough, and how many hours are missing at least."""
+    missing = f" ({one.missing_hours:.3g} h more are needed at least)" if one.missing_hours > 0.0 else ""
     if one.name.startswith("accidents"):
-        return f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known"
-    return f"at least {one.low:.3g}"
+        return (f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known") + missing
+    return f"at least {one.low:.3g}{missing}"
 
 
 def _how(space: Space, cover: CoverReport | None) -> str:

@@ -29,7 +29,7 @@ class SourceEntry:
         occasions: How many there are if those that see the same maneuvers are one.
         left_out: Scenarios without slots.
         build_share: Share of its scenarios whose EGO a build drove.
-        recordings: Hashes of GT, EGO and map of its recordings: copies under other names are one.
+        recordings: Hash of GT, EGO and map of each of its recordings, by name: copies under other names are one.
         failed: Recordings that could not be mined: what happened in them is not known.
         accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
     """
@@ -45,7 +45,7 @@ class SourceEntry:
     occasions: int
     left_out: int
     build_share: NumberOrNan
-    recordings: tuple[str, ...]
+    recordings: Mapping[str, str]
     failed: tuple[str, ...]
     accidents: Mapping[str, int]
 

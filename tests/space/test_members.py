@@ -38,7 +38,7 @@ from resim.space.members import (
     overlapping,
 )
 from resim.space.model import Space
-from resim.space.risk import calibrated, cluster_risks, cover_notes
+from resim.space.risk import ClusterRisk, calibrated, cluster_risks, cover_notes
 from resim.space.traces import joined
 from resim.verification.entries import FailedRecording
 
@@ -220,6 +220,10 @@ def test_who_is_on_no_lane_is_near_nobody(space: Space) -> None:
         assert clusters_of(of_free, off).get("run", "") == ("" if name == "run" else "1.1")
 
 
+def risks_of(one: ClusterRisk) -> list[tuple[float, float, float]]:
+    return [(draw.risk, draw.least, draw.most) for draw in one.draws]
+
+
 def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
     own = replace(space, rows=space.rows.assign(build="f-1"))  # its hash
     runs = [RUN, replace(RUN, name="2", risk=0.5), replace(RUN, name="3", risk=np.nan),
@@ -229,13 +233,15 @@ def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
     found = {one.cluster: one for one in cluster_risks(own, members, "f-1")}
     one = found["1.1"]
     assert (one.measured, one.counted, one.not_counted, one.unknown, one.collided) == (6, 4, 1, 1, 1)
-    assert one.values == (1.0, 1.0, 0.5, 0.01, *[0.0] * 6)
-    assert one.risk.value == pytest.approx(2.51 / 10)
+    of_run = (0.01 + 0.5 + 1.0 + 1.0) / 4  # all of one recording
+    least = (0.01 + 0.5 + 0.0 + 1.0 + 0.01) / 5  # what is unknown was no accident, and what is outside counts
+    assert np.allclose(risks_of(one), [(of_run, least, of_run), *[(0.0, 0.0, 0.0)] * 6])
+    assert one.risk.value == pytest.approx(of_run / 7)
     assert one.worst[0].member in ("3", "5")
-    assert found["1.2"].values == (0.0,) * 6
+    assert risks_of(found["1.2"]) == [(0.0, 0.0, 0.0)] * 6
     of_people = {one.cluster: one for one in cluster_risks(space, members, "f-1")}
     assert of_people["1.1"].measured == 0
-    assert not of_people["1.2"].values
+    assert not of_people["1.2"].draws
     assert any("do not count" in note for note in cover_notes(members, [DRIVE]))
 
 
@@ -250,7 +256,8 @@ def test_a_drive_of_which_nobody_says_how_it_ended_counts_as_an_accident(space: 
         }["1.1"]
         for hit in (collided, collided.mask(told["scenario"] == told["scenario"].iloc[0], pd.NA))
     ]
-    assert [one.values for one in risk] == [(0.0,) * 6, (1.0, *[0.0] * 5)]
+    assert [risks_of(one)[0] for one in risk] == [(0.0, 0.0, 0.0), (1.0, 0.0, 1.0)]
+    assert [one.scenarios for one in risk] == [6, 6]
     assert [(one.unknown, one.measured_collided) for one in risk] == [(0, 0), (1, 1)]
 
 
@@ -306,12 +313,14 @@ def test_a_drive_that_is_held_out_does_not_predict_itself(space: Space) -> None:
     half = _calibration(own, members, "f-1", held[:60], scenarios)
     assert (half.verdict, half.unknown, half.drives) == ("calibrated", 0, 60)
     # recordings of which the space was mined: which of its scenarios are of them is not known
-    mined = replace(own, sources=tuple(replace(one, recordings=tuple(keys[:50])) for one in own.sources))
+    mined = replace(
+        own, sources=tuple(replace(one, recordings={key: key for key in keys[:50]}) for one in own.sources)
+    )
     others = replace(scenarios, scenario=dict.fromkeys(keys, ""))
     found = _calibration(mined, members, "f-1", held[:60], others)
     assert (found.verdict, found.unknown) == ("not shown", 50)
     of_parts = replace(others, drive=dict.fromkeys(keys[:50], "whole"))  # cut out of a drive that was mined
-    whole = replace(own, sources=tuple(replace(one, recordings=("whole",)) for one in own.sources))
+    whole = replace(own, sources=tuple(replace(one, recordings={"whole": "whole"}) for one in own.sources))
     assert _calibration(whole, members, "f-1", held[:60], of_parts).unknown == 50
     assert "50 held-out drives are of recordings that the space was mined of" in next(
         _mined_whole(mined, held, others)
@@ -413,7 +422,9 @@ def test_an_accident_of_a_test_drive_that_was_not_mined_is_told(space: Space) ->
     assert not_mined(space, [], known()) == 0
     assert not_mined(space, ["drive", "drive", "run"], known()) == 2
     assert not_mined(space, ["run"], known(scenario="one_0")) == 0
-    mined = replace(space, sources=tuple(replace(one, recordings=("drive",)) for one in space.sources))
+    mined = replace(
+        space, sources=tuple(replace(one, recordings={"drive": "drive"}) for one in space.sources)
+    )
     assert not_mined(mined, ["drive"], known()) == 0
 
 

@@ -20,11 +20,14 @@ from resim.space.build import build_space
 from resim.space.calibration import reliability
 from resim.space.comparison import compare_spaces, together
 from resim.space.described import report
+from resim.space.expected import ExposedScenarios, unseen_rate
 from resim.space.limits import ReleaseLimits, read_limits
 from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, TestDrive, judged_members
+from resim.space.missing import hours_for_accidents, hours_for_kinds
 from resim.space.model import Space
 from resim.space.page import write_cover_page, write_release_page
-from resim.space.release import ReleaseReport, decide, release_case, release_checks, verdict_of
+from resim.space.release import decide, release_case, release_checks, verdict_of
+from resim.space.release_report import ReleaseReport
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 from resim.space.traces import joined
@@ -36,15 +39,15 @@ GOOD = reliability(np.repeat(EVERY, 4000), np.zeros(28000))
 
 
 def limits(per_hour: float, **more: object) -> ReleaseLimits:
-    told = {"name": "t", "least_seen": 0.9, "least_seen_source": "test", "least_members": 30,
+    told = {"name": "t", "least_seen": 0.9, "least_seen_source": "test", "least_scenarios": 30,
             "limit": [{"per": "hour", "accidents": per_hour, "source": "test"}]}  # fmt: skip
     return ReleaseLimits.model_validate({**told, **more})
 
 
 def members(space: Space, each: int, risk: float) -> pd.DataFrame:
-    """So many members that count in each cluster, of this risk."""
+    """So many members that count in each cluster, of this risk, each of a scenario of its own."""
     rows = [
-        (f"{name}:{k}", "o", name, "d", 0.1, risk, False, True, "", "repeat")
+        (f"{name}:{k}", "o", f"{name} {k}", name, "d", 0.1, risk, False, True, "", "repeat")
         for name in sorted(set(space.rows["cluster"])) for k in range(each)
     ]  # fmt: skip
     frame = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS))
@@ -116,13 +119,47 @@ def test_what_is_not_known_is_not_shown(seen: Space, what: str) -> None:
 
 
 def test_with_too_little_data_it_says_what_to_do(seen: Space) -> None:
-    small = space_of([*KINDS[:5]] * 2, hours=1.0)
-    found = decided(small, members(small, 40, 0.0), limits(1e-3))
+    small = space_of([*KINDS[:5]] * 40, hours=1.0)
+    found = decided(small, members(small, 5, 0.0), limits(1e-3))
     assert found.verdict == "not shown"
     assert found.plan
     assert all(one.after < one.before for one in found.plan)
     assert [one.after for one in found.plan] == sorted(one.after for one in found.plan)
     assert {one.what for one in found.plan} == {"drive", "simulate"}
+    assert {one.amount for one in found.plan if one.what == "simulate"} == {
+        35.0
+    }  # those of which no member counts
+    every = decided(small, members(small, 40, 0.0), limits(1e-3))
+    assert {one.what for one in every.plan} == {"drive"}
+
+
+@pytest.mark.parametrize("per_hour", [0.05, 1.0, 20.0])
+def test_the_hours_that_are_missing_are_those_in_which_nothing_new_comes(per_hour: float) -> None:
+    few = ExposedScenarios(np.array([0, 0, 0, 1]), np.arange(4), 2)
+    alpha, hours = 0.05 / 3.0, 0.5
+    more = hours_for_accidents(few, per_hour, alpha, hours, hours)
+    assert more > 0.0
+
+    def limit(times: float) -> float:
+        count = round(4 * times)
+        return unseen_rate(ExposedScenarios(np.zeros(count, int), np.arange(count), 1), hours * times, alpha)
+
+    times = 1.0 + more / hours
+    assert limit(1.1 * times + 1.0) <= per_hour < limit(0.9 * times)
+    assert hours_for_accidents(few, 1e6, alpha, hours, hours) == 0.0
+    assert np.isnan(hours_for_accidents(few, per_hour, alpha, np.nan, np.nan))
+    assert hours_for_kinds(few, 0.05, 0.95, hours) > hours_for_kinds(few, 0.5, 0.95, hours) > 0.0
+
+
+def test_how_much_is_missing_is_told(seen: Space, tmp_path: Path) -> None:
+    small = space_of([*KINDS[:3]] * 2, hours=0.5)
+    found = decided(small, members(small, 40, 0.0), limits(1.0))
+    assert [one.missing_hours > 0.0 for one in found.checks] == [True, True]
+    assert found.statement.count("h more are needed at least") == 2
+    write_release_page(found, None, tmp_path)
+    assert "hours missing, at least" in (tmp_path / "release.html").read_text()
+    fits = decided(seen, members(seen, 40, 0.0), limits(1e6, least_seen=0.5))
+    assert [(one.met, one.missing_hours) for one in fits.checks] == [(True, 0.0)] * 2
 
 
 @cache
@@ -477,5 +514,5 @@ def test_the_page_of_a_release_is_read_on_a_phone_and_a_desk(tmp_path: Path, wid
         rows = page.evaluate("() => [...document.querySelectorAll('tbody tr')].map(r => r.offsetHeight)")
         assert max(rows) <= 120, rows
         words = page.inner_text("body")
-    assert "1 member that counts, at least 30 are needed" in words
+    assert "members of 1 scenario count, at least 30 are needed" in words
     assert "2 held-out drives: not shown. Without a prediction or an outcome: 1." in words
