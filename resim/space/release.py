@@ -36,6 +36,7 @@ from resim.space.release_report import (
     RemainingDomain,
 )
 from resim.space.risk import ClusterRisk, CoverReport
+from resim.space.sources import UNKNOWN_BUILD
 from resim.space.statistics.rates import IntervalEstimate, share, spread_of
 from resim.space.test_plan import PlannedTest, test_plan
 
@@ -123,14 +124,26 @@ def _more_new(told: SeenScenarios) -> Iterator[str]:
         )
 
 
+def _mixed(space: Space, build: str) -> Iterator[str]:
+    """Where drives of a build are mixed with others: how often it meets scenarios itself is not known."""
+    own = sum(one.driven_by.get(build, 0.0) for one in space.sources) if build else 0.0
+    others = sum(hours for one in space.sources for who, hours in one.driven_by.items() if who != build)
+    if own and others:
+        yield (
+            f"{others:.3g} of {own + others:.3g} h were driven by others than this build, and rates are of all "
+            "together: build a space of its test drives alone"
+        )
+
+
 def _unknown(space: Space, told: SeenScenarios, cover: CoverReport | None) -> Iterator[str]:
     """What happened on drives of the space, and is in no scenario."""
     build = "" if cover is None else cover.build
-    if accidents := sum(one.accidents.get(build, 0) for one in space.sources):
+    if accidents := sum(one.accidents.get(who, 0) for one in space.sources for who in {build, UNKNOWN_BUILD}):
         yield (
-            f"{accidents} collisions or ends of this build's test drives are in no scenario: mine them so that these "
-            "are cut out"
+            f"{accidents} collisions or ends of test drives of this build, or of one without a hash, are in no "
+            "scenario: mine them so that these are cut out"
         )
+    yield from _mixed(space, build)
     if cover is not None and cover.accidents:
         yield (
             f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
@@ -159,7 +172,7 @@ def decide(
         "" if cover is None else cover.label, "" if cover is None else cover.build,
         "" if cover is None else cover.perception, verdict, _statement(case, verdict, checks), checks,
         tuple(_budget(per, found, case) for per, found in terms.items()), forbidding, remaining, _plan(space, case),
-        (_how(space, cover), *_notes(case, cover)),
+        (_how(space, cover), *_notes(space, case, cover)),
     )  # fmt: skip
 
 
@@ -322,7 +335,7 @@ def _how(space: Space, cover: CoverReport | None) -> str:
     return f"kinds are by {how.bucket}, {how.linkage} linkage and the threshold {how.threshold}{counts}"
 
 
-def _notes(case: ReleaseCase, cover: CoverReport | None) -> list[str]:
+def _notes(space: Space, case: ReleaseCase, cover: CoverReport | None) -> list[str]:
     out = [] if cover is None else list(cover.notes)
     if cover is None:
         out.append(
@@ -332,6 +345,10 @@ def _notes(case: ReleaseCase, cover: CoverReport | None) -> list[str]:
         out.append("there are no held-out drives: predicted risk is not calibrated, and is not believed")
     elif cover.calibration.verdict != "calibrated":
         out.append(f"predicted risk is not calibrated: {cover.calibration.verdict}")
+    if cover is not None and not any(one.driven_by.get(cover.build) for one in space.sources):
+        out.append(
+            "rates are of others' drives: that this build meets the same scenarios as often is not shown"
+        )
     if any(not value > 0.0 for value in case.driven.values()):
         out.append("nobody says how long was driven: there are no rates")
     return out

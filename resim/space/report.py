@@ -23,6 +23,8 @@ class SourceEntry:
         hash: Of its tables.
         batch: 0 for those that the space was built from, then 1, 2, ... with each `resim space grow`.
         egos: `every` vehicle once, or each recording's `own` EGO.
+        trigger: What its scenarios were cut out for.
+        rules: Hash of the thresholds that it was mined with, "" for those that ship.
         hours: h that EGOs drove on lanes; NaN where nobody says.
         kilometres: km likewise.
         scenarios: How many are in the space.
@@ -32,6 +34,7 @@ class SourceEntry:
         recordings: Hash of GT, EGO and map of each of its recordings, by name: copies under other names are one.
         failed: Recordings that could not be mined: what happened in them is not known.
         accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
+        driven_by: By hash of the build, h that its test drives lasted; "" for all others.
     """
 
     name: str
@@ -39,6 +42,8 @@ class SourceEntry:
     hash: str
     batch: int
     egos: str
+    trigger: tuple[str, ...]
+    rules: str
     hours: NumberOrNan
     kilometres: NumberOrNan
     scenarios: int
@@ -48,6 +53,7 @@ class SourceEntry:
     recordings: Mapping[str, str]
     failed: tuple[str, ...]
     accidents: Mapping[str, int]
+    driven_by: Mapping[str, NumberOrNan]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from resim.space.calibration import ReliabilityReport, reliability
 from resim.space.draws import scenario_draws
 from resim.space.members import INSIDE, SimulatedRun, TestDrive
 from resim.space.model import Space
+from resim.space.sources import UNKNOWN_BUILD
 from resim.space.statistics.rates import IntervalEstimate, share
 
 WORST = 5
@@ -50,6 +51,8 @@ class DrawRisk:
 @dataclass(frozen=True)
 class ClusterRisk:
     """The risk of a cluster.
+
+    Drives of a build without a hash, and those that left the lanes, may make it worse, never better.
 
     Attributes:
         cluster: Its name.
@@ -126,8 +129,10 @@ class CoverReport:
 
 def cluster_risks(space: Space, members: pd.DataFrame, build: str) -> tuple[ClusterRisk, ...]:
     """Give the risk of every cluster. members: as of members.parquet; build: its hash."""
-    rows = space.rows.assign(off_lane=space.traces.off_lane, draw=scenario_draws(space.rows))
-    own = rows[(rows["build"] == build) & (build != "")]
+    of_unknown = (space.rows["build"] == UNKNOWN_BUILD).to_numpy(bool)
+    doubtful = space.traces.off_lane | of_unknown
+    rows = space.rows.assign(doubtful=doubtful, draw=scenario_draws(space.rows))
+    own = rows[((rows["build"] == build) | of_unknown) & (build != "")]
     driven = dict(tuple(own.groupby("cluster")))
     simulated = dict(tuple(members.groupby("cluster")))
     names = rows["cluster"].astype(str).unique().tolist()
@@ -158,15 +163,15 @@ def member_risks(members: pd.DataFrame) -> Floats:
 
 def _cluster_risk(name: str, driven: pd.DataFrame, members: pd.DataFrame) -> ClusterRisk:
     counts = members["counts"].to_numpy(bool)
-    on_lane = driven[~driven["off_lane"].to_numpy(bool)]
-    hit = on_lane["collided"].fillna(True).to_numpy(bool)
+    sure = driven[~driven["doubtful"].to_numpy(bool)]
+    hit = sure["collided"].fillna(True).to_numpy(bool)
     of_known = members["risk"].notna() & members["collided"].notna()
     reasons = members["why"][~counts].astype(str).value_counts()
     draws = _draws(driven, members)
     known = [one.risk for one in draws if not np.isnan(one.risk)]
     return ClusterRisk(
-        name, len(on_lane), int(hit.sum()), int(counts.sum()), int((~counts).sum()),
-        int((~of_known)[counts].sum()) + int(on_lane["collided"].isna().sum()),
+        name, len(sure), int(hit.sum()), int(counts.sum()), int((~counts).sum()),
+        int((~of_known)[counts].sum()) + int(sure["collided"].isna().sum()),
         int(members[counts]["collided"].fillna(False).sum()), share(float(sum(known)), float(len(known))), draws,
         _worst(members), {str(why): int(count) for why, count in sorted(reasons.items())},
     )  # fmt: skip
@@ -178,7 +183,7 @@ def _draws(driven: pd.DataFrame, members: pd.DataFrame) -> tuple[DrawRisk, ...]:
     values, ended = member_risks(members), driven["collided"]
     n = len(members)
     names = np.concatenate([members["draw"].to_numpy(str), driven["draw"].to_numpy(str)])
-    counts = np.concatenate([members["counts"].to_numpy(bool), ~driven["off_lane"].to_numpy(bool)])
+    counts = np.concatenate([members["counts"].to_numpy(bool), ~driven["doubtful"].to_numpy(bool)])
     most = np.concatenate([values, ended.fillna(True).to_numpy(float)])
     least = np.concatenate([np.where(unknown, 0.0, values), ended.fillna(False).to_numpy(float)])
     of = np.unique(names, return_inverse=True)[1]

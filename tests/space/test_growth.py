@@ -15,6 +15,7 @@ from resim.core.errors import InputError
 from resim.space.agreement import adjusted_rand
 from resim.space.build import build_space, cluster_buckets, grow_space
 from resim.space.clustering import Linkage
+from resim.space.comparison import together as comparison_of
 from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
 from resim.space.folder import read_space, write_space
@@ -121,6 +122,45 @@ def test_a_drive_is_in_a_space_once_and_names_may_be_those_of_another_source(tmp
         build_space([first, mined_again])
     with pytest.raises(InputError, match="recording day is in the space already"):
         grow_space(build_space([first]), [mined_again])
+
+
+@pytest.mark.parametrize("how", ["digits", "ego", "cut"])
+def test_a_drive_that_is_there_again_is_refused_whatever_its_file_is(how: str) -> None:
+    """As CSV with fewer digits, around another EGO of a study of all, or cut anew so that scenarios are missing."""
+    names = kinds(25, 1)
+    first, other = source("day", names, 1), source("night", kinds(25, 2), 2)
+    again = replace(source("again", names, 1), hash="of other bytes")
+    if how == "digits":
+        again = replace(again, traces=replace(again.traces, offset=np.round(again.traces.offset, 3)))
+    if how == "ego":
+        again = replace(again, recordings=(replace(again.recordings[0], tracks="another", ego="b"),))
+    if how == "cut":
+        again = replace(
+            again, rows=again.rows.iloc[10:].reset_index(drop=True), traces=again.traces.take(range(10, 25))
+        )
+    with pytest.raises(InputError, match="see the same traffic to the centimetre"):
+        build_space([first, other, again])
+    with pytest.raises(InputError, match="see the same traffic to the centimetre"):
+        grow_space(build_space([first]), [again])
+    assert len(build_space([first, other]).rows) == 50
+    standing = [replace(one.traces, offset=np.full_like(one.traces.offset, 12.0), speed=np.zeros_like(one.traces.speed))
+                for one in (first, again)]  # fmt: skip
+    queues = [replace(one, traces=told) for one, told in zip((first, again), standing, strict=True)]
+    assert len(build_space(queues).rows) == 25 + len(again.rows)  # a queue looks like any other
+
+
+def test_what_was_mined_for_other_scenarios_is_refused() -> None:
+    """In its hours nobody looked for those of the first: they would seem rare."""
+    first, other = source("day", kinds(25, 1), 1), source("night", kinds(25, 2), 2)
+    lanes = replace(first, trigger=("lane_change_left",))
+    with pytest.raises(
+        InputError, match="was mined around collision, day around lane_change_left: scenarios of one"
+    ):
+        build_space([lanes, replace(other, trigger=("collision",))])
+    with pytest.raises(InputError, match="was mined with other thresholds than day"):
+        grow_space(build_space([lanes]), [replace(other, trigger=("lane_change_left",), rules="mine")])
+    with pytest.raises(InputError, match="mined with other thresholds or triggers"):
+        comparison_of(build_space([lanes]), build_space([other]))
 
 
 def test_several_egos_that_see_the_same_do_not_make_a_kind_seen_twice() -> None:

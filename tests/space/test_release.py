@@ -20,7 +20,7 @@ from resim.space.build import build_space
 from resim.space.calibration import reliability
 from resim.space.comparison import compare_spaces, together
 from resim.space.described import report
-from resim.space.expected import ExposedScenarios, unseen_rate
+from resim.space.expected import ExposedScenarios, risk_limit, unseen_rate
 from resim.space.limits import ReleaseLimits, read_limits
 from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, TestDrive, judged_members
 from resim.space.missing import hours_for_accidents, hours_for_kinds
@@ -30,6 +30,7 @@ from resim.space.release import decide, release_case, release_checks, verdict_of
 from resim.space.release_report import ReleaseReport
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
+from resim.space.sources import UNKNOWN_BUILD
 from resim.space.traces import joined
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
@@ -311,6 +312,43 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
     assert "collide or break off and are not in the space" in found.statement
     of_another = replace(seen, sources=tuple(replace(one, accidents={"c": 1}) for one in seen.sources))
     assert decided(of_another, frame, limits(0.1)).verdict == "good"
+
+
+def test_hours_of_others_do_not_dilute_what_this_build_meets(seen: Space) -> None:
+    def driven(**hours: float) -> Space:
+        return replace(seen, sources=tuple(replace(one, driven_by=hours) for one in seen.sources))
+
+    frame = members(seen, 5000, 0.0)
+    covered = replace(cover(seen, frame), build="b")
+    found = {
+        name: decide(driven(**hours), covered, limits(0.1), HASHES)
+        for name, hours in (
+            ("own", {"b": 200.0}),
+            ("both", {"b": 20.0, "": 180.0}),
+            ("people's", {"": 200.0}),
+        )
+    }
+    assert [one.verdict for one in found.values()] == ["good", "not shown", "good"]
+    assert "180 of 200 h were driven by others than this build" in found["both"].statement
+    assert [any("rates are of others' drives" in note for note in one.notes) for one in found.values()] == [
+        False, False, True,
+    ]  # fmt: skip
+
+
+def test_an_accident_of_a_build_without_a_hash_may_be_of_any(seen: Space) -> None:
+    build = "f-1"
+    frame = members(seen, 5000, 0.0)
+    name = str(seen.rows["scenario"].iloc[0])
+    hit = replace(seen, rows=seen.rows.assign(build=UNKNOWN_BUILD, collided=seen.rows["scenario"] == name))
+    plain, worse = ({one.cluster: one for one in cluster_risks(one, frame, build)} for one in (seen, hit))
+    cluster = str(seen.rows["cluster"].iloc[0])
+    assert plain[cluster].measured == worse[cluster].measured == 0
+    high = [risk_limit(one[cluster], 0.01, 30, GOOD).high for one in (plain, worse)]
+    assert high[1] > high[0]
+    outside = replace(seen, sources=tuple(replace(one, accidents={UNKNOWN_BUILD: 1}) for one in seen.sources))
+    found = decided(outside, frame, limits(0.1))
+    assert found.verdict == "not shown"
+    assert "1 collisions or ends of test drives of this build, or of one without a hash" in found.statement
 
 
 def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space, tmp_path: Path) -> None:
