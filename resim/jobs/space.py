@@ -252,7 +252,8 @@ def cover(
             versions(), files, file_hash(folder / MARK), first.build, first.label, first.perception, within,
             _runs(folder, given), _runs(folder, held), _verified(drives),
             not_mined(found, accidents(one for _, one in (*given, *held)), known), risks, calibration,
-            (*cover_notes(members, drives), *_mined_whole(found, spared, known)),
+            (*cover_notes(members, drives), *_mined_whole(found, spared, known),
+             *{one.judged: None for _, one in (*given, *held) if one.judged}),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)
         write_cover_page(found, told, report, folder)

@@ -28,6 +28,7 @@ from resim.verification.entries import MODEL, RecordingSource, VerifiedRecording
 from resim.verification.folder import read as read_verification
 from resim.verification.inputs import VerificationRequest
 from resim.verification.report import VerificationReport
+from resim.verification.tolerance import Tolerances
 
 VARIATION, TRUST = "variation.", "variation_trust"
 """Begins the names of swept parameters that vary traffic; column of a sweep's table that says whether a verification
@@ -50,6 +51,7 @@ class Simulated:
         perception: Hash of the model, "" without one.
         moved: What moves the EGO, and how traffic reacts.
         traffic: What a command has to be told of how traffic reacts, as a TOML file, "" where nothing.
+        judged: How drives are verified, "" of a sweep.
     """
 
     runs: tuple[SimulatedRun, ...]
@@ -60,6 +62,7 @@ class Simulated:
     perception: str
     moved: str
     traffic: str = ""
+    judged: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,10 @@ def _of_sweep(folder: Path, swept: SweepResult, how: SpaceReading) -> Simulated:
     keys = {name: drive.key for name, drive in drives.items()}
     words = ", ".join(f"{name} is swept" for name in changed)
     varied = [p.name for p in swept.parameters]
-    told = f"{inputs.sweep.variation} {getattr(inputs.kernels, 'hash', '')}"
+    asked = inputs.sweep.variation
+    told = "" if asked is None else (
+        f"{sorted(asked.object)} {sorted(asked.maneuver)} {asked.box} {getattr(inputs.kernels, 'hash', '')}"
+    )  # fmt: skip
     runs = [
         SimulatedRun(
             f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
@@ -169,8 +175,24 @@ def _of_verification(folder: Path, found: VerificationReport, how: SpaceReading)
     own_traffic = inputs.traffic not in (None, ReactiveSettings())
     return Simulated(
         tuple(runs), tuple(drives), recordings, inputs.build.label, build, perception, moved,
-        traffic_toml(inputs.traffic) if inputs.traffic and own_traffic else "",
+        traffic_toml(inputs.traffic) if inputs.traffic and own_traffic else "", _judged(inputs),
     )  # fmt: skip
+
+
+def _judged(inputs: VerificationRequest) -> str:
+    """How drives are verified: what is verified within wider tolerances says less."""
+    asked = inputs.tolerances
+    units = {"d": "m", "v": "m/s", "heading": "rad"}
+    limits = [f"{name} {limit:g} {units[name]}" for name, limit in asked.pipeline.ego if limit is not None]
+    if asked.reaction is not None:
+        limits.append(f"reaction {asked.reaction:g} s")
+    digest = hashlib.sha256(asked.model_dump_json().encode()).hexdigest()[:8]
+    usual = "" if asked == Tolerances() else f", by tolerances that are not the usual ones ({digest})"
+    criteria = f"{Path(inputs.criteria.path).name} ({(inputs.criteria.hash or '')[:12]})"
+    return (
+        f"drives are verified by {criteria} with an agreement of {inputs.agreement:g}, where their EGO differs by at "
+        f"most {', '.join(limits) or 'anything'}{usual}"
+    )
 
 
 def _model(inputs: VerificationRequest) -> str:
@@ -295,9 +317,14 @@ def one_build(given: Sequence[tuple[Path, Simulated]]) -> Simulated:
         The first of them.
 
     Raises:
-        InputError: They are of several builds, perception models, vehicle models or kinds of traffic.
+        InputError: They are of several builds, perception models, vehicle models or kinds of traffic, or verified by
+            different criteria or tolerances.
     """
     (_, first), *others = given
+    judged = [(folder, one.judged) for folder, one in given if one.judged]
+    if other := next((folder for folder, how in judged if how != judged[0][1]), None):
+        problem = f"its {dict(judged)[other]}; in {judged[0][0]}, {judged[0][1]}"
+        raise InputError(other, problem, "Verify all with the same criteria and tolerances.")
     for folder, one in others:
         if (one.build, one.perception, one.moved) != (first.build, first.perception, first.moved):
             what = "build" if one.build != first.build else "perception model"

@@ -254,7 +254,7 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
         traces.append(replace(source.traces, names=frames[-1]["scenario"].to_numpy(str)))
     rows = pd.concat(frames, ignore_index=True) if frames else space.rows
     whole = replace(space, sources=tuple(entries), rows=rows, traces=joined(traces))
-    if found := first_copy(whole.traces, rows["source"].astype(str) + "/" + rows["recording"].astype(str)):
+    if found := first_copy(whole.traces, (rows["source"] + "/" + rows["recording"]).astype(str).tolist()):
         one, two = (rows["scenario"].iloc[k] for k in found)
         raise InputError(
             sources[-1].folder, f"scenarios {one} and {two}, of two recordings, see the same traffic to the centimetre",

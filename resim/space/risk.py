@@ -52,11 +52,11 @@ class DrawRisk:
 class ClusterRisk:
     """The risk of a cluster.
 
-    Drives of a build without a hash, and those that left the lanes, may make it worse, never better.
+    Drives of a build without a hash, and those whose kind is not known, may make it worse, never better.
 
     Attributes:
         cluster: Its name.
-        measured: Members that this build drove on the road, on lanes throughout.
+        measured: Members that this build drove on the road, whose kind is known.
         measured_collided: How many of them collided, or may have.
         counted: Simulated members that count.
         not_counted: Simulated members that do not.
@@ -130,7 +130,7 @@ class CoverReport:
 def cluster_risks(space: Space, members: pd.DataFrame, build: str) -> tuple[ClusterRisk, ...]:
     """Give the risk of every cluster. members: as of members.parquet; build: its hash."""
     of_unknown = (space.rows["build"] == UNKNOWN_BUILD).to_numpy(bool)
-    doubtful = space.traces.off_lane | of_unknown
+    doubtful = space.unsure | of_unknown
     rows = space.rows.assign(doubtful=doubtful, draw=scenario_draws(space.rows))
     own = rows[((rows["build"] == build) | of_unknown) & (build != "")]
     driven = dict(tuple(own.groupby("cluster")))

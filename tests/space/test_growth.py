@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from space.families import drawn
+from space.families import drawn, lasting
 from space.spaces import KINDS, source, space_of
 
 from resim.core.errors import InputError
@@ -19,8 +19,11 @@ from resim.space.comparison import together as comparison_of
 from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
 from resim.space.folder import read_space, write_space
+from resim.space.members import MEMBER_COLUMNS
+from resim.space.risk import cluster_risks
 from resim.space.settings import SpaceSettings
 from resim.space.sources import DrivenRecording, _driven_until
+from resim.space.traces import joined
 
 
 def kinds(count: int, seed: int, of: tuple[str, ...] = KINDS) -> list[str]:
@@ -147,6 +150,27 @@ def test_a_drive_that_is_there_again_is_refused_whatever_its_file_is(how: str) -
                 for one in (first, again)]  # fmt: skip
     queues = [replace(one, traces=told) for one, told in zip((first, again), standing, strict=True)]
     assert len(build_space(queues).rows) == 25 + len(again.rows)  # a queue looks like any other
+
+
+def test_what_is_cut_short_is_of_no_kind_that_was_seen() -> None:
+    """In its first second every cut-out is following, and harmless."""
+    whole = space_of([*KINDS[:3]] * 8, build="b")
+    each = [whole.traces.take([k]) for k in range(len(whole.traces))]
+    rows = whole.rows[~whole.rows["medoid"]].index[:4].tolist()
+    short = replace(
+        whole, traces=joined([lasting(one, 5) if k in rows else one for k, one in enumerate(each)])
+    )
+    assert not whole.unsure.any()
+    assert np.flatnonzero(short.unsure).tolist() == rows
+    before, after = (report(one, {}) for one in (whole, short))
+    assert after.coverage.kinds.seen == before.coverage.kinds.seen + 4
+    assert after.coverage.convergence.unseen.high > before.coverage.convergence.unseen.high
+    assert any("4 scenarios last for less than 50%" in note for note in after.notes)
+    nobody = pd.DataFrame(columns=list(MEMBER_COLUMNS)).astype(
+        {"collided": "boolean", "risk": float, "counts": bool}
+    )
+    driven = [sum(one.measured for one in cluster_risks(space, nobody, "b")) for space in (whole, short)]
+    assert driven == [24, 20]
 
 
 def test_what_was_mined_for_other_scenarios_is_refused() -> None:

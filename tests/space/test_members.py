@@ -23,6 +23,7 @@ from resim.jobs.space_members import (
     _runs,
     accidents,
     driven_traces,
+    one_build,
 )
 from resim.jobs.space_recordings import RecordingReader, draws
 from resim.recordings.content import content_hash
@@ -41,6 +42,7 @@ from resim.space.model import Space
 from resim.space.risk import ClusterRisk, calibrated, cluster_risks, cover_notes
 from resim.space.traces import joined
 from resim.verification.entries import FailedRecording
+from resim.verification.tolerance import Tolerances
 
 BUCKET = "m-1, road 1 +, 3 lanes, 4 vehicles"
 DRIVE = TestDrive("drive", "drive", "b", "p", "verified", True)
@@ -452,6 +454,9 @@ def verified_with() -> SimpleNamespace:
         traffic=None,
         settings=(),
         accept=(),
+        tolerances=Tolerances(),
+        agreement=0.9,
+        criteria=SimpleNamespace(path="c.toml", hash="c"),
     )
 
 
@@ -487,7 +492,8 @@ def test_the_command_that_repeats_a_member_is_told_all(
     file = SimpleNamespace(hash="b", label="b-1", path="../b.toml")
     inputs = SimpleNamespace(
         against=None, build=file, perception=SimpleNamespace(hash="p", path="m.json"), vehicle="single-track",
-        traffic=traffic, settings=("latency.speed=0.4",), accept=("GAP",),
+        traffic=traffic, settings=("latency.speed=0.4",), accept=("GAP",), tolerances=Tolerances(), agreement=0.9,
+        criteria=SimpleNamespace(path="c.toml", hash="c"),
     )  # fmt: skip
     entry = FailedRecording("d", "../drive", content_hash(tmp_path / "drive"), "error", "process died", True)
     how = SpaceReading(tmp_path / "space", RecordingReader())
@@ -509,6 +515,28 @@ def test_the_command_that_repeats_a_member_is_told_all(
     if found.traffic:
         (tmp_path / "traffic.toml").write_text(found.traffic)
         assert traffic_of(str(tmp_path / "traffic.toml")) == traffic
+
+
+def test_verifications_by_other_tolerances_are_not_put_together(tmp_path: Path) -> None:
+    """Within wide enough tolerances everything is verified."""
+    write_drive(tmp_path, 60.0, "b")
+    entry = FailedRecording("d", ".", content_hash(tmp_path), "error", "process died", True)
+    how = SpaceReading(tmp_path / "space", RecordingReader())
+    wide = Tolerances.model_validate({"pipeline": {"ego": {"d": 100.0}}})
+    found = []
+    for tolerances in (Tolerances(), wide):
+        inputs = SimpleNamespace(**{**vars(verified_with()), "tolerances": tolerances})
+        found.append(_of_verification(tmp_path, SimpleNamespace(inputs=inputs, recordings=[entry]), how))  # type: ignore[arg-type]
+    one, other = found
+    assert one.judged.startswith(
+        "drives are verified by c.toml (c) with an agreement of 0.9, where their EGO differs"
+    )
+    assert one.judged.endswith("reaction 0.2 s")
+    assert "at most d 100 m, reaction 0.2 s, by tolerances that are not the usual ones" in other.judged
+    swept = replace(one, judged="")
+    assert one_build([(tmp_path, one), (tmp_path / "s", swept), (tmp_path, one)]) is one
+    with pytest.raises(InputError, match="Verify all with the same criteria and tolerances"):
+        one_build([(tmp_path, one), (tmp_path / "s", swept), (tmp_path / "wide", other)])
 
 
 def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,8 @@ from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, Test
 from resim.space.missing import hours_for_accidents, hours_for_kinds
 from resim.space.model import Space
 from resim.space.page import write_cover_page, write_release_page
-from resim.space.release import decide, release_case, release_checks, verdict_of
+from resim.space.release import decide, release_checks, verdict_of
+from resim.space.release_case import release_case
 from resim.space.release_report import ReleaseReport
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
@@ -75,6 +76,10 @@ def test_a_function_that_is_safe_in_all_that_is_known_is_released(seen: Space) -
     found = decided(seen, members(seen, 5000, 0.0), limits(0.1))
     assert found.verdict == "good"
     assert found.statement.startswith("The AD function is tested against a set of scenarios we trust")
+    assert (
+        "not contradicted by 28000 held-out drives, which would show one that is larger only above"
+        in found.statement
+    )
     assert not found.forbidding
     assert found.remaining.share.value == 1.0
     budget = found.budgets[0]
