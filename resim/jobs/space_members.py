@@ -20,9 +20,10 @@ from resim.mining.slots import slot_frame
 from resim.recordings.content import tracks_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_toml
 from resim.simulation.vehicles.kinematic import Kinematic
+from resim.space.copies import equal_scenarios
 from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
 from resim.space.model import Space, bucket_names
-from resim.space.traces import from_frame
+from resim.space.traces import SlotTraces, from_frame, joined
 from resim.sweeps.result import SweepResult, read_swept
 from resim.verification.entries import MODEL, RecordingSource, VerifiedRecording
 from resim.verification.folder import read as read_verification
@@ -290,8 +291,28 @@ def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
     names = bucket_names(pd.DataFrame([drives[key].place for key in keys]), space.settings) if keys else []
     frames = [drives[key].slots for key in keys] or [slot_frame([], [])]
     traces = from_frame(pd.concat(frames, ignore_index=True))
+    draw = draws(drives)
+    _find_copies(space, traces, scenarios, draw)
     return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios,
-                        {key: one.drive for key, one in drives.items()}, draws(drives))  # fmt: skip
+                        {key: one.drive for key, one in drives.items()}, draw)  # fmt: skip
+
+
+def _find_copies(space: Space, traces: SlotTraces, scenario: dict[str, str], draw: dict[str, str]) -> None:
+    """Enter in `scenario` and `draw`, both by key, which recordings see the same as a scenario or another recording.
+
+    They are the same drive in another file, whatever its bytes are.
+    """
+    count, names = len(space.traces), [*space.traces.names.tolist(), *traces.names.tolist()]
+    for pair in equal_scenarios(joined([space.traces, traces])):
+        one, two = sorted(pair)
+        if two < count:
+            continue
+        key = names[two]
+        if one < count:
+            scenario[key] = scenario[key] or names[one]
+        elif draw[key] != draw[names[one]]:
+            old, new = draw[key], draw[names[one]]
+            draw.update({name: new for name, told in draw.items() if told == old})
 
 
 def _scenarios(space: Space, drives: Mapping[str, SimulatedRecording]) -> dict[str, str]:

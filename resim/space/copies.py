@@ -18,6 +18,12 @@ SHARE = 0.5
 """Of the scenarios of a recording that another one has to see as well to be the same drive (our choice)."""
 
 
+def equal_scenarios(traces: SlotTraces) -> Iterator[tuple[int, int]]:
+    """Give the rows of every two scenarios that see the same. Those in which nobody moves against the EGO are left
+    aside."""
+    return _equal(traces, _told(traces))
+
+
 def first_copy(traces: SlotTraces, recording: Sequence[str]) -> tuple[int, int] | None:
     """Give the rows of a scenario that is in two recordings which see the same, None where there are none.
 

@@ -40,7 +40,7 @@ from resim.space.members import (
 )
 from resim.space.model import Space
 from resim.space.risk import ClusterRisk, calibrated, cluster_risks, cover_notes
-from resim.space.traces import joined
+from resim.space.traces import from_frame, joined
 from resim.verification.entries import FailedRecording
 from resim.verification.tolerance import Tolerances
 
@@ -589,6 +589,23 @@ def test_a_copy_of_a_scenario_is_that_scenario(space: Space, tmp_path: Path) -> 
         drive = RecordingReader().read(folder, content_hash(folder))
         there = Simulated((), (), {drive.key: drive}, "", "b", "", "")
         assert driven_traces(replace(space, rows=rows), [there]).scenario == {drive.key: name}
+
+
+def test_a_drive_in_another_file_is_the_same_draw(space: Space, tmp_path: Path) -> None:
+    """As CSV with fewer digits: held out, it would calibrate what it predicts itself."""
+    read = {}
+    for name, more in (("own", 0.0), ("digits", 4e-4), ("other", 0.5)):
+        (tmp_path / name).mkdir()
+        write_drive(tmp_path / name, 60.0 + more, "b")
+        read[name] = RecordingReader().read(tmp_path / name, content_hash(tmp_path / name))
+    there = Simulated((), (), {one.key: one for one in read.values()}, "", "b", "", "")
+    found = driven_traces(space, [there])
+    own, digits, other = (found.draw[one.key] for one in read.values())
+    assert own == digits != other
+    first = from_frame(read["own"].slots)
+    rows = pd.concat([space.rows.iloc[:1].assign(scenario="it"), space.rows], ignore_index=True)
+    with_it = replace(space, rows=rows, traces=joined([replace(first, names=np.array(["it"])), space.traces]))
+    assert [driven_traces(with_it, [there]).scenario[one.key] for one in read.values()] == ["it", "it", ""]
 
 
 @pytest.mark.parametrize(
