@@ -40,6 +40,7 @@ def seen(space: Space, own: Ints) -> SeenScenarios:
     return SeenScenarios(
         kind, rows["occasion"].to_numpy(np.intp), rows["to_medoid"].to_numpy(float),
         rows["hours"].to_numpy(float), rows["kilometres"].to_numpy(float), space.driven,
+        np.asarray(rows.groupby(["source", "recording"], sort=False).ngroup(), dtype=np.intp),
     )  # fmt: skip
 
 

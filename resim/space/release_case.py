@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from resim.space.calibration import ReliabilityReport
-from resim.space.coverage import SeenScenarios, first_of_each, halves
+from resim.space.coverage import SeenScenarios, elsewhere, first_of_each, halves
 from resim.space.described import seen as in_order_driven
 from resim.space.expected import (
     AccidentTerms,
@@ -89,6 +89,16 @@ def _seen(told: SeenScenarios, left_out: int) -> ExposedScenarios:
     return ExposedScenarios(np.concatenate([told.kind, clusters + more]), occasion, clusters + left_out)
 
 
+def _alone(told: SeenScenarios) -> Iterator[str]:
+    """Where drives have more kinds that are in no other drive than what was seen tells."""
+    check = elsewhere(first_of_each(told))
+    if check is not None and check.found.low > check.predicted.high:
+        yield (
+            f"of a drive's scenarios at least {100.0 * check.found.low:.3g} % are of kinds that are in no other drive, "
+            f"where all together tell of at most {100.0 * check.predicted.high:.3g} %: the next drive is not as these"
+        )
+
+
 def _more_new(told: SeenScenarios) -> Iterator[str]:
     """Where the later half of what was driven has more new kinds than the first one tells."""
     check = halves(first_of_each(told))
@@ -125,6 +135,7 @@ def _unknown(space: Space, told: SeenScenarios, cover: CoverReport | None) -> It
             "and build it of them as well"
         )
     yield from _more_new(told)
+    yield from _alone(told)
     if left_out := sum(one.left_out for one in space.sources):
         yield f"{left_out} scenarios have no slots: of which kinds they are is not known"
     if off := int((space.traces.lane < 0).sum()):

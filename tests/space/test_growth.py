@@ -231,6 +231,7 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         np.arange(600.0),
         np.arange(600.0),
         (600.0, 600.0),
+        np.zeros(600, int),
     )
     assert coverage(many).convergence.converged
     assert coverage(many).discovery_per_hour.value == 0.0
@@ -242,6 +243,7 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         np.arange(600.0),
         np.arange(600.0),
         (600.0, 600.0),
+        np.zeros(600, int),
     )
     assert not coverage(growing).convergence.converged
 

@@ -319,6 +319,26 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
     assert decided(of_another, frame, limits(0.1)).verdict == "good"
 
 
+def test_kinds_that_each_come_in_one_drive_alone_are_not_all_that_there_is() -> None:
+    """Each comes four times, and none once: as if all were seen, and the next drive has others."""
+    alone = build_space([source(f"s{k}", [KINDS[k]] * 4, k, 20.0) for k in range(10)])
+    mixed = build_space(
+        [source(f"s{k}", [KINDS[(k + j) % 10] for j in range(4)], k, 20.0) for k in range(10)]
+    )
+    told = [
+        [
+            reason
+            for reason in release_case(one, None, limits(0.1)).unknown
+            if "are in no other drive" in reason
+        ]
+        for one in (alone, mixed)
+    ]
+    assert [len(reasons) for reasons in told] == [1, 0]
+    assert told[0][0].startswith(
+        "of a drive's scenarios at least 69.2 % are of kinds that are in no other drive"
+    )
+
+
 def test_hours_of_others_do_not_dilute_what_this_build_meets(seen: Space) -> None:
     def driven(**hours: float) -> Space:
         return replace(seen, sources=tuple(replace(one, driven_by=hours) for one in seen.sources))
