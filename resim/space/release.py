@@ -31,7 +31,7 @@ from resim.space.release_report import (
 )
 from resim.space.risk import CoverReport
 from resim.space.statistics.rates import IntervalEstimate, share, spread_of
-from resim.space.test_plan import PlannedTest, test_plan
+from resim.space.test_plan import PlannedCluster, PlannedTest, test_plan
 
 SENTENCE = (
     "The AD function is tested against a set of scenarios we trust to represent the entirety of scenarios within the "
@@ -63,13 +63,15 @@ def decide(
 def _plan(space: Space, case: ReleaseCase) -> tuple[PlannedTest, ...]:
     """What to do next; where something happened in no scenario, it comes first."""
     asked = case.driven["hour"], case.limits
-    draws = [
-        set(part)
-        for _, part in pd.Series(scenario_draws(space.rows)).groupby(space.rows["cluster"].to_numpy(str))
+    every = pd.Series(scenario_draws(space.rows)).groupby(space.rows["cluster"].to_numpy(str)).nunique()
+    medoids = _medoids(space)
+    clusters = [
+        PlannedCluster(
+            name, medoids[name], int(every[name]), case.risks[name].scenarios if name in case.risks else 0
+        )
+        for name in case.names
     ]
-    counting = [case.risks[name].scenarios if name in case.risks else 0 for name in case.names]
-    scenarios = [(len(own), count) for own, count in zip(draws, counting, strict=True)]
-    plan = test_plan(case.names, case.exposed, case.risk, asked, _medoids(space), case.seen, scenarios)
+    plan = test_plan(clusters, case.exposed, case.risk, asked, case.seen)
     if not case.unknown:
         return plan
     return tuple(replace(one, first="; ".join(filter(None, (IN_NO_SCENARIO, one.first)))) for one in plan)

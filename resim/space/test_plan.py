@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -40,31 +40,40 @@ class PlannedTest:
     first: str
 
 
-def test_plan(
-    names: Sequence[str], exposed: ExposedScenarios, risks: Sequence[RiskLimit],
-    asked: tuple[float, ReleaseLimits], medoids: Mapping[str, str], whole: ExposedScenarios,
-    scenarios: Sequence[tuple[int, int]],
-) -> tuple[PlannedTest, ...]:  # fmt: skip
-    """Give proposals, the best first.
+class PlannedCluster(NamedTuple):
+    """A cluster with its test case: how many draws of scenarios it has, and of how many a member counts."""
 
-    asked: hours driven, and the limits; whole: all that was seen, those of no known kind each of one of its own;
-    scenarios (C,): draws of each cluster, and how many of which a member counts.
+    name: str
+    medoid: str
+    scenarios: int
+    counting: int
+
+
+def test_plan(
+    clusters: Sequence[PlannedCluster], exposed: ExposedScenarios, risks: Sequence[RiskLimit],
+    asked: tuple[float, ReleaseLimits], whole: ExposedScenarios,
+) -> tuple[PlannedTest, ...]:  # fmt: skip
+    """Give proposals, the best first. clusters, risks: (C,).
+
+    asked: hours driven, and the limits; whole: all that was seen, those of no known kind each of one of its own.
     """
     hours, limits = asked
     if not hours > 0.0 or not len(exposed.kind):
         return ()
     before = expected_accidents(exposed, risks, hours, limits.confidence, whole).high
     out = [PlannedTest("drive", "", "", hours, before, _doubled(exposed, risks, asked, whole), "")]
-    alpha = (1.0 - limits.confidence) / 3.0 / len(names)
-    for k, (name, (every, counting)) in enumerate(zip(names, scenarios, strict=True)):
-        if every <= counting:
+    alpha = (1.0 - limits.confidence) / 3.0 / len(clusters)
+    for k, one in enumerate(clusters):
+        if one.scenarios <= one.counting:
             continue
-        better = _all_simulated(risks[k], alpha, every, limits.least_scenarios)
+        better = _all_simulated(risks[k], alpha, one.scenarios, limits.least_scenarios)
         changed = [*risks[:k], better, *risks[k + 1 :]]
         after = expected_accidents(exposed, changed, hours, limits.confidence, whole).high
         first = "" if risks[k].known else "verify a test drive near its test case, and calibrate risk"
         out.append(
-            PlannedTest("simulate", name, medoids[name], float(every - counting), before, after, first)
+            PlannedTest(
+                "simulate", one.name, one.medoid, float(one.scenarios - one.counting), before, after, first
+            )
         )
     ranked = sorted(out, key=lambda one: (one.after, one.what, one.cluster))
     return tuple(one for one in ranked if one.after < before)[:MOST]
