@@ -132,6 +132,7 @@ def _of_sweep(folder: Path, swept: SweepResult, how: SpaceReading) -> Simulated:
         SimulatedRun(
             f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
             _number(row["risk"]), _flag(row["collision"]), words, _trust(row.get(TRUST), varied),
+            any(row[name] != 0.0 for name in varied if name.startswith(VARIATION)),
             repeat=f"resim sweep repeat {how.shown(folder)} {row['run']} --out {REPEATED}",
             same=_same(
                 keys[row["recording"]], {name: row[name] for name in varied}, told, row["seed"] if perception else 0

@@ -58,6 +58,7 @@ class SimulatedRun:
         collided: Whether the EGO collided, None where it is not known.
         changed: What of build and perception differs from what was verified, "" for nothing.
         trust: `inside`, `outside` or `unknown` of a variation, `inside` of what was not varied.
+        varied: Whether it is a variation: trust is then by ranges that were found at its recording.
         repeat: Command that repeats it.
         same: What tells it from other runs, by whatever command they were done; "" where nobody says. Runs that share
             it are one: no evidence of each other.
@@ -71,6 +72,7 @@ class SimulatedRun:
     collided: bool | None
     changed: str = ""
     trust: str = INSIDE
+    varied: bool = False
     repeat: str = ""
     same: str = ""
 
@@ -147,7 +149,7 @@ def judged_members(
         why = (
             _twin(run, first)
             or found.why
-            or _own_reason(run)
+            or _own_reason(run, drives)
             or ("" if cluster.get(run.recording) else "is in no cluster")
         )
         rows.append(
@@ -171,7 +173,10 @@ def _twin(run: SimulatedRun, first: dict[str, str]) -> str:
     return f"it is the same run as {before}"
 
 
-def _own_reason(run: SimulatedRun) -> str:
+def _own_reason(run: SimulatedRun, drives: Sequence[TestDrive]) -> str:
+    same = [one for one in drives if one.recording == run.recording]
+    if run.varied and {one.verdict for one in same} != {"verified"}:
+        return "it is a variation within ranges of its recording, which is not verified itself"
     if run.changed:
         return f"it is not what was verified: {run.changed}"
     if run.trust != INSIDE:

@@ -82,6 +82,7 @@ def test_a_run_near_a_verified_test_drive_counts(space: Space) -> None:
         ([DRIVE], replace(RUN, changed="perception.latency.speed is swept"), known(), "it is not what was verified"),
         ([DRIVE], replace(RUN, trust="outside"), known(), "its variation lies outside"),
         ([DRIVE], replace(RUN, trust="unknown"), known(), "it is unknown whether its variation"),
+        ([DRIVE], replace(RUN, varied=True), known(), "its recording, which is not verified itself"),
         ([DRIVE], replace(RUN, recording="elsewhere"), known(), "its slots are not known"),
         ([DRIVE], RUN, known(run="jam", drive="jam"), "is in no cluster"),
     ],
@@ -92,6 +93,14 @@ def test_others_do_not_and_say_why(
     found = judged_members(space, [run], drives, traces, 0.7).iloc[0]
     assert not found["counts"]
     assert why in found["why"]
+
+
+def test_variations_of_the_drive_that_is_verified_count(space: Space) -> None:
+    """Ranges were found there: near another drive that is verified they say nothing."""
+    run = replace(RUN, recording="drive", varied=True)
+    assert judged_members(space, [run], [DRIVE], known(), 0.7).iloc[0]["counts"]
+    contradicted = [DRIVE, replace(DRIVE, verdict="not verified"), replace(DRIVE, recording="run")]
+    assert not judged_members(space, [run], contradicted, known(), 0.7).iloc[0]["counts"]
 
 
 def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Space) -> None:
