@@ -35,6 +35,7 @@ VARIATION, TRUST = "variation.", "variation_trust"
 """Begins the names of swept parameters that vary traffic; column of a sweep's table that says whether a verification
 legitimises the variation (`resim vary`)."""
 
+VERIFICATION, SWEEP = "verification.json", "manifest.json"
 REPEATED, TRAFFIC = "../repeated", "traffic.toml"
 """Where commands write, and how traffic reacts where it is not as usual; both seen from the space's folder."""
 
@@ -53,6 +54,7 @@ class Simulated:
         moved: What moves the EGO, and how traffic reacts.
         traffic: What a command has to be told of how traffic reacts, as a TOML file, "" where nothing.
         judged: How drives are verified, "" of a sweep.
+        mark: Name of the file in its folder that names all others by their hashes.
     """
 
     runs: tuple[SimulatedRun, ...]
@@ -64,6 +66,7 @@ class Simulated:
     moved: str
     traffic: str = ""
     judged: str = ""
+    mark: str = VERIFICATION
 
 
 @dataclass(frozen=True)
@@ -103,8 +106,8 @@ def read_simulated(folder: Path, how: SpaceReading) -> Simulated:
     Raises:
         InputError: It is neither, or of several builds.
     """
-    if (folder / "verification.json").is_file():
-        return _of_verification(folder, read_verification(folder / "verification.json"), how)
+    if (folder / VERIFICATION).is_file():
+        return _of_verification(folder, read_verification(folder / VERIFICATION), how)
     return _of_sweep(folder, read_swept(folder), how)
 
 
@@ -149,6 +152,7 @@ def _of_sweep(folder: Path, swept: SweepResult, how: SpaceReading) -> Simulated:
         builds[0][1].hash or "",
         perception or "",
         moved,
+        mark=SWEEP,
     )
 
 

@@ -89,6 +89,19 @@ class ClusterRisk:
 
 
 @dataclass(frozen=True)
+class GivenFolder:
+    """A folder of simulated drives that was given.
+
+    Attributes:
+        runs: How many there are.
+        hash: SHA-256 of verification.json, or of a sweep's manifest.json, which name all that they hold by its hash.
+    """
+
+    runs: int
+    hash: str
+
+
+@dataclass(frozen=True)
 class CoverReport:
     """What simulation makes of a space, as cover.json says it.
 
@@ -100,8 +113,8 @@ class CoverReport:
         label: Its name and version.
         perception: Hash of the perception model, "" without one.
         within: Slot distance to a verified test drive up to which members count.
-        given: Runs of each folder that was given: of simulated drives in any other one nothing is known.
-        held_out: Runs of each folder that was held out.
+        given: Each folder that was given, by its path: of simulated drives in any other one nothing is known.
+        held_out: Each folder that was held out.
         drives: How many test drives are verified.
         accidents: How many of this build's test drives collide or break off and are not in the space.
         clusters: Risk of each cluster.
@@ -118,8 +131,8 @@ class CoverReport:
     label: str
     perception: str
     within: float
-    given: Mapping[str, int]
-    held_out: Mapping[str, int]
+    given: Mapping[str, GivenFolder]
+    held_out: Mapping[str, GivenFolder]
     drives: int
     accidents: int
     clusters: tuple[ClusterRisk, ...]

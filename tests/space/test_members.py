@@ -15,7 +15,6 @@ from space.families import drawn, lasting
 from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
-from resim.jobs.space import _calibration, _mined_whole
 from resim.jobs.space_members import (
     Simulated,
     SpaceReading,
@@ -29,6 +28,7 @@ from resim.jobs.space_recordings import RecordingReader, draws
 from resim.recordings.content import content_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
 from resim.space.build import cluster_buckets
+from resim.space.held_out import held_out_calibration, mined_whole
 from resim.space.members import (
     DrivenTraces,
     SimulatedRun,
@@ -318,24 +318,38 @@ def test_a_drive_that_is_held_out_does_not_predict_itself(space: Space) -> None:
         calibrated(cluster_risks(own, members, "f-1"), held, clusters_of(own, scenarios)).verdict
         == "calibrated"
     )
-    found = _calibration(own, members, "f-1", held, scenarios)
+    found = held_out_calibration(own, members, "f-1", held, scenarios)
     assert (found.verdict, found.unknown) == ("not shown", 120)
     # half of them held out, the others predict it
-    half = _calibration(own, members, "f-1", held[:60], scenarios)
+    half = held_out_calibration(own, members, "f-1", held[:60], scenarios)
     assert (half.verdict, half.unknown, half.drives) == ("calibrated", 0, 60)
     # recordings of which the space was mined: which of its scenarios are of them is not known
     mined = replace(
         own, sources=tuple(replace(one, recordings={key: key for key in keys[:50]}) for one in own.sources)
     )
     others = replace(scenarios, scenario=dict.fromkeys(keys, ""))
-    found = _calibration(mined, members, "f-1", held[:60], others)
+    found = held_out_calibration(mined, members, "f-1", held[:60], others)
     assert (found.verdict, found.unknown) == ("not shown", 50)
     of_parts = replace(others, drive=dict.fromkeys(keys[:50], "whole"))  # cut out of a drive that was mined
     whole = replace(own, sources=tuple(replace(one, recordings={"whole": "whole"}) for one in own.sources))
-    assert _calibration(whole, members, "f-1", held[:60], of_parts).unknown == 50
+    assert held_out_calibration(whole, members, "f-1", held[:60], of_parts).unknown == 50
     assert "50 held-out drives are of recordings that the space was mined of" in next(
-        _mined_whole(mined, held, others)
+        mined_whole(mined, held, others)
     )
+
+
+def test_who_sees_what_is_held_out_does_not_predict_it() -> None:
+    """Several EGOs see one maneuver: how it ends for one of them tells of the others."""
+    own = space_of([*KINDS[:2]] * 60, build="f-1")
+    names = own.rows["scenario"].astype(str).tolist()
+    traces = replace(own.traces, names=np.array([f"key of {name}" for name in names]))
+    keys = traces.names.tolist()
+    scenarios = DrivenTraces(traces, dict.fromkeys(keys, BUCKET), dict(zip(keys, names, strict=True)))
+    held = [SimulatedRun(key, key, "f-1", "", 0.0, False) for key in keys[:60]]
+    members = judged_members(own, [], [], scenarios, 0.7)
+    assert held_out_calibration(own, members, "f-1", held, scenarios).unknown == 0
+    pairs = replace(own, rows=own.rows.assign(occasion=np.arange(120) % 60))
+    assert held_out_calibration(pairs, members, "f-1", held, scenarios).unknown == 60
 
 
 def test_members_of_a_recording_that_is_held_out_do_not_predict_it(space: Space) -> None:
@@ -353,9 +367,9 @@ def test_members_of_a_recording_that_is_held_out_do_not_predict_it(space: Space)
 
     members = judged_members(space, runs(range(20), range(10)), [DRIVE], there, 0.7)
     assert members["counts"].all()
-    found = _calibration(space, members, "b", runs(range(20), range(10, 20)), there)
+    found = held_out_calibration(space, members, "b", runs(range(20), range(10, 20)), there)
     assert (found.verdict, found.unknown) == ("not shown", 200)
-    others = _calibration(space, members, "b", runs(range(20, 40), range(10)), there)
+    others = held_out_calibration(space, members, "b", runs(range(20, 40), range(10)), there)
     assert (others.verdict, others.unknown) == ("calibrated", 0)
 
 
@@ -367,12 +381,12 @@ def test_windows_of_one_drive_that_overlap_are_one_draw(space: Space) -> None:
     apart = DrivenTraces(traces, dict.fromkeys(keys, BUCKET), dict.fromkeys(keys, ""))
     runs = [SimulatedRun(key, key, "b", "p", 0.0, False, same=key) for key in keys[:-1]]
     members = judged_members(space, runs[:20], [DRIVE], apart, 0.7)
-    assert _calibration(space, members, "b", runs[20:], apart).verdict == "calibrated"
+    assert held_out_calibration(space, members, "b", runs[20:], apart).verdict == "calibrated"
     one = replace(apart, draw=dict.fromkeys(keys[20:40], "r20"))
-    found = _calibration(space, members, "b", runs[20:], one)
+    found = held_out_calibration(space, members, "b", runs[20:], one)
     assert (found.verdict, found.bins[0].recordings) == ("not shown", 1)
     beside = replace(apart, draw={f"r{k}": f"r{k % 20}" for k in range(40)})
-    found = _calibration(space, members, "b", runs[20:], beside)
+    found = held_out_calibration(space, members, "b", runs[20:], beside)
     assert (found.verdict, found.unknown) == ("not shown", 20)
 
 

@@ -103,10 +103,10 @@ def _worst(found: CoverReport) -> Markup:
 
 
 def _given(found: CoverReport) -> Markup:
-    folders = [*found.given.items(), *((f"{name} (held out)", runs) for name, runs in found.held_out.items())]
-    rows = [[name, str(runs)] for name, runs in folders]
+    folders = [*found.given.items(), *((f"{name} (held out)", one) for name, one in found.held_out.items())]
+    rows = [[name, str(one.runs), one.hash] for name, one in folders]
     told = "Of simulated drives in other folders nothing is known here: give all that were made."
-    return html("<p>{}</p>{}", told, table(["folder", "runs"], rows))
+    return html("<p>{}</p>{}", told, table(["folder", "runs", "SHA-256"], rows))
 
 
 def _counts_as(one: WorstMember) -> float:
