@@ -160,6 +160,16 @@ def test_the_hours_that_are_missing_are_those_in_which_nothing_new_comes(per_hou
     assert hours_for_kinds(few, 0.05, 0.95, hours) > hours_for_kinds(few, 0.5, 0.95, hours) > 0.0
 
 
+def test_the_tutorial_says_how_many_hours_the_limit_that_ships_needs() -> None:
+    asked, _ = read_limits(SHIPPED)
+    many = ExposedScenarios(np.zeros(1_000_000, int), np.arange(1_000_000), 1)
+    alpha = (1.0 - asked.confidence) / 3.0
+    needed = 1000.0 + hours_for_accidents(many, asked.limit[0].accidents, alpha, 1000.0, 1000.0)
+    told = (Path(__file__).parents[2] / "docs" / "tutorials" / "space.md").read_text(encoding="utf-8")
+    assert f"That needs {round(needed, -4):,.0f} h of driving" in told
+    assert f"{1000.0 * unseen_rate(many, 1000.0, alpha):.1f} / 1,000 h" in told
+
+
 def test_how_much_is_missing_is_told(seen: Space, tmp_path: Path) -> None:
     small = space_of([*KINDS[:3]] * 2, hours=0.5)
     found = decided(small, members(small, 40, 0.0), limits(1.0))
