@@ -15,7 +15,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.core.files import relative
-from resim.jobs.space_recordings import RecordingReader, SimulatedRecording, draws
+from resim.jobs.space_recordings import RecordingReader, SimulatedRecording
 from resim.mining.slots import slot_frame
 from resim.recordings.content import tracks_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_toml
@@ -296,14 +296,13 @@ def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
     names = bucket_names(pd.DataFrame([drives[key].place for key in keys]), space.settings) if keys else []
     frames = [drives[key].slots for key in keys] or [slot_frame([], [])]
     traces = from_frame(pd.concat(frames, ignore_index=True))
-    draw = draws(drives)
-    _find_copies(space, traces, scenarios, draw)
-    return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios,
-                        {key: one.drive for key, one in drives.items()}, draw)  # fmt: skip
+    drive = {key: one.drive for key, one in drives.items()}
+    _find_copies(space, traces, scenarios, drive)
+    return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios, drive)
 
 
-def _find_copies(space: Space, traces: SlotTraces, scenario: dict[str, str], draw: dict[str, str]) -> None:
-    """Enter in `scenario` and `draw`, both by key, which recordings see the same as a scenario or another recording.
+def _find_copies(space: Space, traces: SlotTraces, scenario: dict[str, str], drive: dict[str, str]) -> None:
+    """Enter in `scenario` and `drive`, both by key, which recordings see the same as a scenario or another recording.
 
     They are the same drive in another file, whatever its bytes are.
     """
@@ -315,9 +314,9 @@ def _find_copies(space: Space, traces: SlotTraces, scenario: dict[str, str], dra
         key = names[two]
         if one < count:
             scenario[key] = scenario[key] or names[one]
-        elif draw[key] != draw[names[one]]:
-            old, new = draw[key], draw[names[one]]
-            draw.update({name: new for name, told in draw.items() if told == old})
+        elif drive[key] != drive[names[one]]:
+            old, new = drive[key], drive[names[one]]
+            drive.update({name: new for name, told in drive.items() if told == old})
 
 
 def _scenarios(space: Space, drives: Mapping[str, SimulatedRecording]) -> dict[str, str]:

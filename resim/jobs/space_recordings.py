@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from resim.mining.extraction import window_of
@@ -28,7 +27,6 @@ class SimulatedRecording:
         folder: Where it is.
         key: Hash of its GT, EGO and map: copies under other names are one drive.
         drive: Key of the drive that it was cut out of, its own if it is a whole one.
-        window: When it begins and ends in that drive [s].
         build: Hash of the build that drove it, UNKNOWN_BUILD for one without a hash, "" for a person or where nobody
             says.
         collided: Whether its EGO collides in the measured drive; None where somebody may have been hit unseen.
@@ -40,7 +38,6 @@ class SimulatedRecording:
     folder: Path
     key: str
     drive: str
-    window: tuple[float, float]
     build: str
     collided: bool | None
     broke_off: bool
@@ -58,25 +55,6 @@ class SimulatedRecording:
         """
         own = bool(build) and self.build in (build, UNKNOWN_BUILD)
         return own and (self.broke_off or self.collided is not False)
-
-
-def draws(recordings: Mapping[str, SimulatedRecording]) -> dict[str, str]:
-    """Give what several recordings are one draw of: windows of one drive that overlap tell of the same traffic.
-
-    Args:
-        recordings: By key.
-
-    Returns:
-        The key of the first of them in time.
-    """
-    order = sorted(recordings, key=lambda key: (recordings[key].drive, recordings[key].window, key))
-    found, first, end = dict[str, str](), "", 0.0
-    for key in order:
-        one = recordings[key]
-        if not (first and recordings[first].drive == one.drive and one.window[0] < end):
-            first, end = key, one.window[1]
-        found[key], end = first, max(end, one.window[1])
-    return found
 
 
 class RecordingReader:
@@ -114,10 +92,8 @@ def _simulated(folder: Path, recording: Recording, key: str) -> SimulatedRecordi
     place = {
         "map": map_folder(recording.map), "road": road, "along_s": along, "lanes": lanes, "vehicles": vehicles,
     }  # fmt: skip
-    told = recording.provenance
-    begin = float(told.get("original_start_s", 0.0)) if "mined_from_tracks" in told else 0.0
     return SimulatedRecording(
-        folder, key, told.get("mined_from_tracks", key), (begin, begin + float(np.ptp(recording.gt.t))),
+        folder, key, recording.provenance.get("mined_from_tracks", key),
         recording.build_hash or (UNKNOWN_BUILD if recording.build else ""), _measured_collision(recording),
         bool(recording.provenance.get("ended")), slot_frame([key], slot_traces(found, [window])), place,
     )  # fmt: skip

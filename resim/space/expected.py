@@ -74,40 +74,27 @@ def risk_limit(
 ) -> RiskLimit:  # fmt: skip
     """Give the risk of a scenario of a cluster with limits of error probability alpha each.
 
-    least: draws that count, at least. Members that do not count may make the upper limit larger, never smaller: it is
-    the largest that any of them together with those that count would give. calibration: of predicted risk; it is
-    believed where it covers all bins in which the mean could lie if nothing were missing: members that do not count
-    did, and what is not known were.
+    least: drives in which a member counts, at least. Members that do not count, and scenarios that nobody simulated,
+    may make the upper limit larger, never smaller: it is the largest that some of them together with those that count
+    would give. calibration: of predicted risk; it is believed where it covers all bins in which the mean could lie if
+    nothing were missing: members that do not count did, and what is not known were.
     """
-    if one is None or not one.scenarios:
+    if one is None or not one.drives:
         return RiskLimit(np.nan, 0.0, 1.0, False)
-    confidence, count = 1.0 - 2.0 * alpha, float(one.scenarios)
-    total = sum(draw.risk for draw in one.draws[: one.scenarios])
-    low = float(exact(total / count, count, confidence=confidence)[0])
-    means, counts = _means(one, [draw.most for draw in one.draws], largest=True)
-    high = float(exact(np.minimum(means, 1.0), counts, confidence=confidence)[1].max())
-    known = is_believed(one, calibration) and count >= least
-    return RiskLimit(total / count, low, high if known else 1.0, known)
+    confidence = 1.0 - 2.0 * alpha
+    mean, (means, drives) = float(one.risk.value), one.means(largest=True)
+    low = float(exact(mean, drives[0], confidence=confidence)[0])
+    high = float(exact(np.minimum(means, 1.0), drives, confidence=confidence)[1].max())
+    known = is_believed(one, calibration) and one.drives >= least
+    return RiskLimit(mean, low, high if known else 1.0, known)
 
 
 def is_believed(one: ClusterRisk, calibration: ReliabilityReport | None) -> bool:
     """Say whether the risk of a cluster is calibrated, wherever it could lie if nothing were missing."""
-    if not one.scenarios:
+    if not one.drives:
         return False
-    least = _means(one, [draw.least for draw in one.draws], largest=False)[0].min()
-    most = _means(one, [draw.most for draw in one.draws], largest=True)[0].max()
+    least, most = one.means(largest=False)[0].min(), one.means(largest=True)[0].max()
     return believed(calibration, *(min(max(float(mean), 0.0), 1.0) for mean in (least, most)))
-
-
-def _means(one: ClusterRisk, values: Sequence[float], *, largest: bool) -> tuple[Floats, Floats]:
-    """Means of the draws that count and none, one, ... of the others, and of how many they are.
-
-    values: of all draws; largest: whether the others with the largest ones come first.
-    """
-    total, beside = sum(values[: one.scenarios]), np.sort(values[one.scenarios :])
-    sums = total + np.concatenate([[0.0], np.cumsum(beside[::-1] if largest else beside)])
-    counts = one.scenarios + np.arange(len(sums), dtype=float)
-    return sums / counts, counts
 
 
 def expected_accidents(

@@ -8,7 +8,7 @@ import pandas as pd
 
 from resim.space.calibration import ReliabilityReport
 from resim.space.draws import scenario_draws
-from resim.space.members import DrivenTraces, SimulatedRun, clusters_of, overlapping
+from resim.space.members import DrivenTraces, SimulatedRun, clusters_of
 from resim.space.model import Space
 from resim.space.risk import calibrated, predicted_risks
 
@@ -17,19 +17,17 @@ def held_out_calibration(
     space: Space, members: pd.DataFrame, build: str, spared: Sequence[SimulatedRun], known: DrivenTraces
 ) -> ReliabilityReport:
     """Whether predicted risk is to be believed, by predictions that know nothing of the drives that are held out."""
-    held = {known.draw.get(run.recording, run.recording) for run in spared}
-    alike = [key for key in known.scenario if known.draw.get(key, key) in held]
-    told = {known.scenario[key] for key in alike} - {""}
-    draws = dict(zip(space.rows["scenario"].astype(str), scenario_draws(space.rows).tolist(), strict=True))
-    seen = {draws.get(one) for one in told}
-    same = {name for name, draw in draws.items() if draw in seen}
-    scenarios = same.union(overlapping(space.rows, told))
-    # other seeds, variations, windows and views of what is held out would tell how it ends
+    drives = {known.drive.get(run.recording, run.recording) for run in spared}
+    alike = [key for key in known.scenario if known.drive.get(key, key) in drives]
+    told = {known.scenario[key] for key in alike}
+    draws = pd.Series(scenario_draws(space.rows), index=space.rows["scenario"].astype(str))
+    scenarios = set(draws.index[draws.isin(draws[draws.index.isin(told)])])
+    # other seeds, variations and scenarios of a drive that is held out would tell how it ends
     others = members[~members["origin"].isin([*alike, *scenarios])]
     risks = predicted_risks(space, others, build, scenarios)
     mined = _mined_of(space, known)
     clusters = {key: name for key, name in clusters_of(space, known).items() if key not in mined}
-    return calibrated(risks, spared, clusters, known.draw)
+    return calibrated(risks, spared, clusters, known.drive)
 
 
 def _mined_of(space: Space, known: DrivenTraces) -> set[str]:

@@ -36,9 +36,9 @@ class ReleaseLimits(Strict):
         confidence: Of the whole statement, one-sided.
         least_seen: Probability, at least, that the next scenario is of a kind that was seen.
         least_seen_source: Where that is from.
-        least_scenarios: Measured scenarios in a cluster, at least, of which a member counts: variations and seeds of
-            one, and windows that overlap, are one. Scenarios of other clusters count as accidents.
-        least_scenarios_source: Where that is from.
+        least_drives: Drives in a cluster, at least, in which a member counts: of all that was measured and simulated
+            in one, its weather and traffic are the same. Scenarios of other clusters count as accidents.
+        least_drives_source: Where that is from.
         limit: Most accidents, by hour, by kilometre, or both.
     """
 
@@ -46,8 +46,8 @@ class ReleaseLimits(Strict):
     confidence: Annotated[float, Field(strict=True, ge=0.5, lt=1.0)] = 0.95
     least_seen: Annotated[float, Field(strict=True, gt=0.0, lt=1.0)]
     least_seen_source: Annotated[str, Field(min_length=1)]
-    least_scenarios: Annotated[int, Field(strict=True, ge=1)] = 30
-    least_scenarios_source: str = ""
+    least_drives: Annotated[int, Field(strict=True, ge=1)] = 30
+    least_drives_source: str = ""
     limit: Annotated[tuple[AccidentLimit, ...], Field(min_length=1)]
 
 

@@ -9,7 +9,7 @@ found there (`trust` of `resim vary`). All others stay in the table, with the re
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,8 +36,8 @@ MEMBER_COLUMNS = (
     "why",
     "repeat",
 )
-"""Of members.parquet: member: of the simulated run; origin: recording; draw: what it is one draw with, such as other
-variations and seeds of its recording (`resim.space.draws`); cluster: "" for none; drive: nearest verified
+"""Of members.parquet: member: of the simulated run; origin: recording; draw: what it is one draw with: all that
+follows from its drive (`resim.space.draws`); cluster: "" for none; drive: nearest verified
 test drive, drive_distance to it, NaN for none; risk: largest accident risk, NaN where it is not known; collided:
 whether the EGO did, NULL where it is not known; counts: whether it is legitimised; why not; repeat: command."""
 INSIDE = "inside"
@@ -108,16 +108,13 @@ class DrivenTraces:
         traces: Of recordings, named by their keys.
         bucket: Bucket of each, by key.
         scenario: Scenario of the space that each is, by key; "" for none.
-        drive: Key of the drive that each was cut out of, by key; its own, if it is not there.
-        draw: What several are one draw of, by key, such as windows of one drive that overlap; its own key, if it is not
-            there.
+        drive: Key of the drive that each was cut out of, by key, which copies of it share; its own, if it is not there.
     """
 
     traces: SlotTraces
     bucket: Mapping[str, str]
     scenario: Mapping[str, str]
     drive: Mapping[str, str] = field(default_factory=dict)
-    draw: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -138,7 +135,7 @@ def judged_members(
 ) -> pd.DataFrame:
     """Give a row per simulated run with MEMBER_COLUMNS. within: slot distance to a verified drive, at most."""
     cluster = clusters_of(space, known)
-    draws = recording_draws(space, known.scenario, cluster, known.drive, known.draw)
+    draws = recording_draws(space, known.scenario, known.drive)
     legitimate: dict[tuple[str, str, str], Legitimacy] = {}
     rows, first = [], dict[str, str]()
     for run in runs:
@@ -264,17 +261,6 @@ def _origins(space: Space, recording: str, cluster: str, known: DrivenTraces) ->
 
 def _there(rows: Ints) -> Ints:
     return rows[rows >= 0]
-
-
-def overlapping(rows: pd.DataFrame, scenarios: Set[str]) -> list[str]:
-    """Give the scenarios of a space that share time in a recording with some of them, by name; those among them."""
-    found = set[str]()
-    told = rows[rows["scenario"].isin(scenarios)]
-    columns = (told[name].tolist() for name in ("source", "recording", "start", "end"))
-    for source, recording, start, end in zip(*columns, strict=True):
-        same = (rows["source"] == source) & (rows["recording"] == recording)
-        found |= set(rows["scenario"][same & (rows["start"] < end) & (rows["end"] > start)].astype(str))
-    return sorted(found)
 
 
 def clusters_of(space: Space, known: DrivenTraces) -> dict[str, str]:

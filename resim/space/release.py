@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
 from resim.core.provenance import versions
 from resim.core.spelling import counted
@@ -63,14 +62,15 @@ def decide(
 def _plan(space: Space, case: ReleaseCase) -> tuple[PlannedTest, ...]:
     """What to do next; where something happened in no scenario, it comes first."""
     asked = case.driven["hour"], case.limits
-    every = pd.Series(scenario_draws(space.rows)).groupby(space.rows["cluster"].to_numpy(str)).nunique()
-    medoids = _medoids(space)
+    kinds = space.rows.assign(draw=scenario_draws(space.rows)).groupby("cluster")
+    drives, count, medoids = kinds["draw"].nunique(), kinds.size(), _medoids(space)
     clusters = [
         PlannedCluster(
-            name, medoids[name], int(every[name]), case.risks[name].scenarios if name in case.risks else 0
+            name, medoids[name], int(drives[name]),
+            sum(one.others for one in case.risks[name].draws) if name in case.risks else int(count[name]),
         )
         for name in case.names
-    ]
+    ]  # fmt: skip
     plan = test_plan(clusters, case.exposed, case.risk, asked, case.seen)
     if not case.unknown:
         return plan
@@ -177,12 +177,12 @@ def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:
     one = case.risks.get(case.names[k])
     if risk.known:
         return "risk"
-    if one is None or not one.scenarios:
+    if one is None or not one.drives:
         reasons = "" if one is None or not one.why else f": {next(iter(one.why))}"
         return f"no member counts{reasons}"
-    if one.scenarios < case.limits.least_scenarios:
-        some = counted(one.scenarios, "scenario")
-        return f"members of {some} count, at least {case.limits.least_scenarios} are needed"
+    if one.drives < case.limits.least_drives:
+        some = counted(one.drives, "drive")
+        return f"members count in {some}, at least {case.limits.least_drives} are needed"
     if one.missing:
         return (
             f"{counted(one.missing, 'scenario')} of it {'was' if one.missing == 1 else 'were'} not simulated"

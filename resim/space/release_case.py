@@ -58,7 +58,7 @@ class ReleaseCase:
     def risk(self) -> list[RiskLimit]:
         """The risk of a scenario of each cluster (C,)."""
         told = self.limits
-        return risk_limits(self.names, self.risks, told.confidence, told.least_scenarios, self.calibration)
+        return risk_limits(self.names, self.risks, told.confidence, told.least_drives, self.calibration)
 
     def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
         """Give expected accidents, without clusters that are left out of the ODD."""

@@ -34,18 +34,26 @@ class WorstMember:
 
 @dataclass(frozen=True)
 class DrawRisk:
-    """Risk of one draw of what traffic does, of which a cluster may have several members (`resim.space.draws`).
+    """Risk of the scenarios of one drive in a cluster (`resim.space.draws`).
 
     Attributes:
-        risk: Mean of its simulated members that count, where what is not known is an accident; 1 where it collided on
-            the road; NaN where nothing of it counts.
-        least: Least risk, whatever of the members that do not count did, if nothing unknown were an accident.
-        most: Largest risk likewise, if all of it were.
+        counting: Scenarios of which a measured or simulated member counts.
+        risk: Their mean: of each the mean of its simulated members that count, where what is not known is an accident,
+            and 1 where the drive collided in it; NaN of none.
+        surely: Their least mean, whatever of their other members counted, if nothing unknown were an accident.
+        possibly: Their largest mean likewise, if all of it were.
+        others: Scenarios of which no member counts, or nobody simulated one.
+        most: Their mean, if all that is not known were an accident; 0 of none.
+        least: The same, if nothing of it were.
     """
 
+    counting: int
     risk: NumberOrNan
-    least: float
+    surely: float
+    possibly: float
+    others: int
     most: float
+    least: float
 
 
 @dataclass(frozen=True)
@@ -62,12 +70,11 @@ class ClusterRisk:
         not_counted: Simulated members that do not.
         unknown: Of both, how many have no known risk or end: they count as accidents.
         collided: Of those that count, how many collided.
-        missing: Draws of its scenarios of which there is no member at all, and that are not held out: nobody tried
-            whether the function collides in them, so that they may be accidents.
-        risk: Expected accidents a scenario: mean over draws of which a measured or simulated member counts; NaN of
-            none. The interval is that of as many scenarios as there are draws.
-        draws: Risk of each draw of its scenarios, the largest first, then those of which nothing counts, and of other
-            recordings: these may make it worse, never better.
+        missing: Scenarios of which there is no member at all, and that are not held out: nobody tried whether the
+            function collides in them, so that they may be accidents.
+        risk: Expected accidents a scenario: mean over those of which a measured or simulated member counts; NaN of
+            none. The interval is that of as many scenarios as there are drives, fewer where some have most of them.
+        draws: Risk in each drive, the largest first; what does not count may make it worse, never better.
         worst: The worst members of all.
         why: Reasons for which members do not count, with how many.
     """
@@ -86,9 +93,29 @@ class ClusterRisk:
     why: Mapping[str, int]
 
     @property
-    def scenarios(self) -> int:
-        """Of how many draws a member counts."""
-        return sum(not np.isnan(one.risk) for one in self.draws)
+    def drives(self) -> int:
+        """In how many drives a member counts."""
+        return sum(one.counting > 0 for one in self.draws)
+
+    def means(self, *, largest: bool) -> tuple[Floats, Floats]:
+        """Give means (K,) of what counts with none, some and all of the others, and of how many drives they are.
+
+        largest: whether the others with the largest risk come first, at most; else those with the least, at least. The
+        number of drives is Kish's: as many as would have the same weight (Survey Sampling, 1965).
+        """
+        count, others = (
+            np.array([getattr(one, name) for one in self.draws], float) for name in ("counting", "others")
+        )
+        known = np.array([one.possibly if largest else one.surely for one in self.draws])
+        beside = np.array([one.most if largest else one.least for one in self.draws])
+        order = np.argsort(-beside if largest else beside, kind="stable")
+        order = order[others[order] > 0.0]
+
+        def growing(first: Floats, more: Floats) -> Floats:
+            return np.asarray(first.sum() + np.concatenate([[0.0], np.cumsum(more[order])]))
+
+        weight, squares = growing(count, others), growing(count**2, (count + others) ** 2 - count**2)
+        return np.asarray(growing(count * known, others * beside) / weight), np.asarray(weight**2 / squares)
 
 
 @dataclass(frozen=True)
@@ -153,18 +180,13 @@ def cluster_risks(
     """
     of_unknown = (space.rows["build"] == UNKNOWN_BUILD).to_numpy(bool)
     rows = space.rows.assign(doubtful=space.unsure | of_unknown, draw=scenario_draws(space.rows))
-    excused = set(rows["draw"][rows["scenario"].isin(held)])
     own = rows[((rows["build"] == build) | of_unknown) & (build != "")]
     driven, simulated = dict(tuple(own.groupby("cluster"))), dict(tuple(members.groupby("cluster")))
     return tuple(
         _cluster_risk(
-            str(name),
-            driven.get(name, own.iloc[:0]),
-            simulated.get(name, members.iloc[:0]),
-            set(draws),
-            excused,
+            str(name), driven.get(name, own.iloc[:0]), simulated.get(name, members.iloc[:0]), part, held
         )
-        for name, draws in rows.groupby("cluster", sort=False)["draw"]
+        for name, part in rows.groupby("cluster", sort=False)
     )
 
 
@@ -188,10 +210,10 @@ def member_risks(members: pd.DataFrame) -> Floats:
 
 
 def _cluster_risk(
-    name: str, driven: pd.DataFrame, members: pd.DataFrame, draws: Set[str], excused: Set[str]
+    name: str, driven: pd.DataFrame, members: pd.DataFrame, scenarios: pd.DataFrame, held: Set[str]
 ) -> ClusterRisk:
-    """The risk of a cluster whose scenarios are of such draws, of which those that are held out are excused."""
-    outside = members["counts"] & ~members["draw"].isin(draws)
+    """The risk of a cluster of such scenarios, of which some are held out."""
+    outside = members["counts"] & ~members["draw"].isin(scenarios["draw"])
     members = members.assign(
         counts=members["counts"] & ~outside,
         why=members["why"].where(~outside, "its recording is no scenario of the space"),
@@ -201,52 +223,109 @@ def _cluster_risk(
     hit = sure["collided"].fillna(True).to_numpy(bool)
     of_known = members["risk"].notna() & members["collided"].notna()
     reasons = members["why"][~counts].astype(str).value_counts()
-    missing = len(draws - excused - set(members["draw"]) - set(driven["draw"]))
-    found = _draws(driven, members) + (DrawRisk(np.nan, 0.0, 1.0),) * missing
-    known = [one.risk for one in found if not np.isnan(one.risk)]
+    missing = _missing(driven, members, scenarios, held)
+    found = _draws(driven, members, missing)
+    mean, drives = _counting(found)
     return ClusterRisk(
         name, len(sure), int(hit.sum()), int(counts.sum()), int((~counts).sum()),
         int((~of_known)[counts].sum()) + int(sure["collided"].isna().sum()),
-        int(members[counts]["collided"].fillna(False).sum()), missing, share(float(sum(known)), float(len(known))),
-        found, _worst(members), {str(why): int(count) for why, count in sorted(reasons.items())},
+        int(members[counts]["collided"].fillna(False).sum()), len(missing), share(mean * drives, drives), found,
+        _worst(members), {str(why): int(count) for why, count in sorted(reasons.items())},
     )  # fmt: skip
 
 
-def _draws(driven: pd.DataFrame, members: pd.DataFrame) -> tuple[DrawRisk, ...]:
-    """The risk of each draw of a cluster of which there is a member."""
+def _counting(draws: Sequence[DrawRisk]) -> tuple[float, float]:
+    """The mean over scenarios of which a member counts, and of how many drives of the same weight they are."""
+    known = [one for one in draws if one.counting]
+    count = sum(one.counting for one in known)
+    if not count:
+        return 0.0, 0.0
+    mean = sum(one.counting * one.risk for one in known) / count
+    return mean, count**2 / sum(one.counting**2 for one in known)
+
+
+def _missing(
+    driven: pd.DataFrame, members: pd.DataFrame, scenarios: pd.DataFrame, held: Set[str]
+) -> pd.DataFrame:
+    """The scenarios without a member, that are not held out. A run of a whole drive is one of all of its."""
+    whole = members["draw"][~members["origin"].isin(scenarios["scenario"])]
+    told = [*members["origin"], *driven["scenario"], *held]
+    return scenarios[~scenarios["scenario"].isin(told) & ~scenarios["draw"].isin(whole)]
+
+
+def _draws(driven: pd.DataFrame, members: pd.DataFrame, missing: pd.DataFrame) -> tuple[DrawRisk, ...]:
+    """The risk in each drive of a cluster. missing: scenarios without a member, which may be accidents."""
     unknown = (members["risk"].isna() | members["collided"].isna()).to_numpy(bool)
-    values, ended = member_risks(members), driven["collided"]
-    n = len(members)
-    names = np.concatenate([members["draw"].to_numpy(str), driven["draw"].to_numpy(str)])
-    counts = np.concatenate([members["counts"].to_numpy(bool), ~driven["doubtful"].to_numpy(bool)])
-    most = np.concatenate([values, ended.fillna(True).to_numpy(float)])
-    least = np.concatenate([np.where(unknown, 0.0, values), ended.fillna(False).to_numpy(float)])
-    of = np.unique(names, return_inverse=True)[1]
-    order = np.argsort(of, kind="stable")
-    found = [
-        _draw(counts[rows], rows >= n, most[rows], least[rows])
-        for rows in np.split(order, np.flatnonzero(np.diff(of[order])) + 1) if len(rows)
-    ]  # fmt: skip
-    return tuple(sorted(found, key=lambda one: (np.isnan(one.risk), -np.nan_to_num(one.risk), -one.most)))
+    values, ended, none = member_risks(members), driven["collided"], np.zeros(len(missing))
+    table = pd.DataFrame(
+        {
+            "draw": np.concatenate([one["draw"].to_numpy(str) for one in (members, driven, missing)]),
+            "scenario": np.concatenate(
+                [members["origin"].to_numpy(str), *(one["scenario"].to_numpy(str) for one in (driven, missing))]
+            ),
+            "counts": np.concatenate(
+                [members["counts"].to_numpy(bool), ~driven["doubtful"].to_numpy(bool), none > 0.0]
+            ),
+            "road": np.repeat([False, True, False], [len(members), len(driven), len(missing)]),
+            "most": np.concatenate([values, ended.fillna(True).to_numpy(float), none + 1.0]),
+            "least": np.concatenate(
+                [np.where(unknown, 0.0, values), ended.fillna(False).to_numpy(float), none]
+            ),
+        }
+    )  # fmt: skip
+    found = [_draw(part) for _, part in _by_scenario(table).groupby("draw", sort=True)]
+    return tuple(sorted(found, key=lambda one: (not one.counting, -np.nan_to_num(one.risk), -one.most)))
 
 
-def _draw(counts: np.ndarray, road: np.ndarray, most: Floats, least: Floats) -> DrawRisk:
-    """The risk of members (K,) of one draw: of simulated ones the mean, but 1 where it collided on the road."""
-    if not counts.any():
-        return DrawRisk(np.nan, float(least.min()), float(most.max()))
-    known, beside, driven = counts & ~road, ~counts, counts & road
-    high, low = (float(part[driven].max(initial=0.0)) for part in (most, least))
-    if not known.any():
-        return DrawRisk(high, low, float(most[beside].max(initial=high)))
-    told, largest = float(most[known].mean()), _means(most[known], -np.sort(-most[beside])).max()
-    smallest = _means(least[known], np.sort(least[beside])).min()
-    return DrawRisk(max(told, high), max(float(smallest), low), max(float(largest), high))
+def _by_scenario(table: pd.DataFrame) -> pd.DataFrame:
+    """A row per scenario of each drive: draw, counts (whether a member does), risk, surely, possibly.
+
+    What counts is told by the mean of its simulated members that count, but not below what happened on the road; its
+    others may make it more or less. What does not by the largest, and the least, of its members.
+    """
+    own = ["draw", "scenario"]
+    counts = table["counts"]
+    means = table[counts & ~table["road"]].groupby(own, sort=False)[["most", "least"]].mean()
+    road = table[counts & table["road"]].groupby(own, sort=False)[["most", "least"]].max()
+    known = pd.concat([means, road]).groupby(level=own, sort=False).max()
+    beside = table[~counts].groupby(own, sort=False)
+    others = pd.DataFrame({"possibly": beside["most"].max(), "surely": beside["least"].min()})
+    found = known.rename(columns={"most": "risk", "least": "surely"}).assign(
+        possibly=known["most"], counts=True
+    )
+    alone = others[~others.index.isin(found.index)].assign(risk=np.nan, counts=False)
+    both = found.index[found.index.isin(others.index) & found.index.isin(means.index)]
+    parts = dict(tuple(table[~table["road"]].groupby(own, sort=False))) if len(both) else {}
+    for key in both:
+        some, told = parts[key], parts[key]["counts"]
+        high = _means(some["most"][told].to_numpy(), -np.sort(-some["most"][~told].to_numpy())).max()
+        low = _means(some["least"][told].to_numpy(), np.sort(some["least"][~told].to_numpy())).min()
+        below = float(road["least"].get(key, 0.0))
+        found.loc[key, ["surely", "possibly"]] = max(low, below), max(high, found.loc[key, "possibly"])
+    driven = found.index[found.index.isin(others.index) & ~found.index.isin(means.index)]
+    found.loc[driven, "possibly"] = np.maximum(found.loc[driven, "possibly"], others.loc[driven, "possibly"])
+    return pd.concat([one for one in (found, alone) if len(one)] or [found]).reset_index()
 
 
 def _means(known: Floats, others: Floats) -> Floats:
     """Means of what is known and none, one, ... of others."""
     sums = known.sum() + np.concatenate([[0.0], np.cumsum(others)])
     return np.asarray(sums / (len(known) + np.arange(len(sums), dtype=float)))
+
+
+def _draw(scenarios: pd.DataFrame) -> DrawRisk:
+    """The risk in one drive."""
+    counts = scenarios["counts"].to_numpy(bool)
+    risk, surely, possibly = (scenarios[name].to_numpy(float) for name in ("risk", "surely", "possibly"))
+    count, others = int(counts.sum()), int((~counts).sum())
+
+    def mean(values: Floats, nothing: float) -> float:
+        return float(values.mean()) if len(values) else nothing
+
+    return DrawRisk(
+        count, mean(risk[counts], np.nan), mean(surely[counts], 0.0), mean(possibly[counts], 0.0), others,
+        mean(possibly[~counts], 0.0), mean(surely[~counts], 0.0),
+    )  # fmt: skip
 
 
 def _worst(members: pd.DataFrame) -> tuple[WorstMember, ...]:

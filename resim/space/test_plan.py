@@ -41,12 +41,12 @@ class PlannedTest:
 
 
 class PlannedCluster(NamedTuple):
-    """A cluster with its test case: how many draws of scenarios it has, and of how many a member counts."""
+    """A cluster with its test case: in how many drives it was, and of how many scenarios no member counts."""
 
     name: str
     medoid: str
-    scenarios: int
-    counting: int
+    drives: int
+    left: int
 
 
 def test_plan(
@@ -64,17 +64,13 @@ def test_plan(
     out = [PlannedTest("drive", "", "", hours, before, _doubled(exposed, risks, asked, whole), "")]
     alpha = (1.0 - limits.confidence) / 3.0 / len(clusters)
     for k, one in enumerate(clusters):
-        if one.scenarios <= one.counting:
+        if not one.left:
             continue
-        better = _all_simulated(risks[k], alpha, one.scenarios, limits.least_scenarios)
+        better = _all_simulated(risks[k], alpha, one.drives, limits.least_drives)
         changed = [*risks[:k], better, *risks[k + 1 :]]
         after = expected_accidents(exposed, changed, hours, limits.confidence, whole).high
         first = "" if risks[k].known else "verify a test drive near its test case, and calibrate risk"
-        out.append(
-            PlannedTest(
-                "simulate", one.name, one.medoid, float(one.scenarios - one.counting), before, after, first
-            )
-        )
+        out.append(PlannedTest("simulate", one.name, one.medoid, float(one.left), before, after, first))
     ranked = sorted(out, key=lambda one: (one.after, one.what, one.cluster))
     return tuple(one for one in ranked if one.after < before)[:MOST]
 

@@ -46,7 +46,7 @@ def drawn(kind: str, name: str, rng: np.random.Generator, spread: float = 1.0) -
         offset[rows] = np.nan
         for slot, low, high in pieces:
             reach = (-4.9, 4.9) if slot in ("II", "VII") else (5.1, 99.0) if low > 0 else (-49.0, -5.1)
-            values = np.linspace(low, high, len(rows)) + (shift[slot] if slot not in ("II", "VII") else 0.0)
+            values = np.linspace(low, high, len(rows)) + shift[slot] * (0.5 if slot in ("II", "VII") else 1.0)
             offset[rows, SLOTS.index(slot)] = np.clip(values, *reach)
         begin = end
     speed = np.where(np.isfinite(offset), 0.0, np.nan)

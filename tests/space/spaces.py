@@ -18,25 +18,36 @@ KINDS = tuple(FAMILIES)
 
 
 def source(
-    name: str, kinds: list[str], seed: int, hours: float = 1.0, build: str = "", together: int = 1
+    name: str,
+    kinds: list[str],
+    seed: int,
+    hours: float = 1.0,
+    build: str = "",
+    together: int = 1,
+    each: int = 1,
 ) -> MinedSource:
     """A source with a scenario of each kind named, evenly over hours of driving at 100 km/h.
 
-    together: how many scenarios, one after the other, see the same maneuvers.
+    together: how many scenarios, one after the other, see the same maneuvers; each: how many a recording has at least.
     """
     rng = np.random.default_rng(seed)
     names = [f"{name}_{k}" for k in range(len(kinds))]
     traces = joined([drawn(kind, one, rng, 0.7) for kind, one in zip(kinds, names, strict=True)])
     n = len(kinds)
+    drives = [f"{name}/{k // max(together, each)}" for k in range(n)]
     told = {
-        "scenario": names, "recording": [name] * n, "ego": ["a"] * n, "start": np.arange(n) * 10.0,
+        "scenario": names, "recording": drives, "ego": ["a"] * n, "start": np.arange(n) * 10.0,
         "end": np.arange(n) * 10.0 + 8.0, "map": ["m-1"] * n, "road": ["1"] * n, "along_s": [True] * n,
         "lanes": [3] * n,
         "vehicles": [4] * n, "tag": ["left"] * n, "folder": [""] * n, "build": [build] * n, "collided": [False] * n,
         "occasion": np.arange(n) // together, "hours": hours * (np.arange(n) + 1.0) / n,
         "kilometres": 100.0 * hours * (np.arange(n) + 1.0) / n,
     }  # fmt: skip
-    driven = (DrivenRecording(name, hours, 100.0 * hours, "m-1", "a", build),)
+    count = len(set(drives))
+    driven = tuple(
+        DrivenRecording(one, hours / count, 100.0 * hours / count, "m-1", "a", build)
+        for one in dict.fromkeys(drives)
+    )
     return MinedSource(
         name,
         Path(f"/{name}"),

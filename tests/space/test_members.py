@@ -24,7 +24,7 @@ from resim.jobs.space_members import (
     driven_traces,
     one_build,
 )
-from resim.jobs.space_recordings import RecordingReader, draws
+from resim.jobs.space_recordings import RecordingReader
 from resim.recordings.content import content_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
 from resim.space.build import cluster_buckets
@@ -36,7 +36,6 @@ from resim.space.members import (
     clusters_of,
     judged_members,
     not_mined,
-    overlapping,
 )
 from resim.space.model import Space
 from resim.space.risk import ClusterRisk, calibrated, cluster_risks, cover_notes
@@ -232,7 +231,7 @@ def test_who_is_on_no_lane_is_near_nobody(space: Space) -> None:
 
 
 def risks_of(one: ClusterRisk) -> list[tuple[float, float, float]]:
-    return [(draw.risk, draw.least, draw.most) for draw in one.draws]
+    return [(draw.risk, draw.surely, draw.possibly) for draw in one.draws]
 
 
 def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
@@ -252,7 +251,7 @@ def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
     assert risks_of(found["1.2"]) == [(0.0, 0.0, 0.0)] * 6
     of_people = {one.cluster: one for one in cluster_risks(space, members, "f-1")}
     assert of_people["1.1"].measured == 0
-    assert (of_people["1.2"].scenarios, of_people["1.2"].missing) == (0, 6)
+    assert (of_people["1.2"].drives, of_people["1.2"].missing) == (0, 6)
     assert any("do not count" in note for note in cover_notes(members, [DRIVE]))
 
 
@@ -268,7 +267,7 @@ def test_a_drive_of_which_nobody_says_how_it_ended_counts_as_an_accident(space: 
         for hit in (collided, collided.mask(told["scenario"] == told["scenario"].iloc[0], pd.NA))
     ]
     assert [risks_of(one)[0] for one in risk] == [(0.0, 0.0, 0.0), (1.0, 0.0, 1.0)]
-    assert [one.scenarios for one in risk] == [6, 6]
+    assert [one.drives for one in risk] == [6, 6]
     assert [(one.unknown, one.measured_collided) for one in risk] == [(0, 0), (1, 1)]
 
 
@@ -339,8 +338,8 @@ def test_a_drive_that_is_held_out_does_not_predict_itself(space: Space) -> None:
     )
 
 
-def test_who_sees_what_is_held_out_does_not_predict_it() -> None:
-    """Several EGOs see one maneuver: how it ends for one of them tells of the others."""
+def test_scenarios_of_a_drive_that_is_held_out_do_not_predict_it() -> None:
+    """They share its weather and its traffic."""
     own = space_of([*KINDS[:2]] * 60, build="f-1")
     names = own.rows["scenario"].astype(str).tolist()
     traces = replace(own.traces, names=np.array([f"key of {name}" for name in names]))
@@ -349,7 +348,7 @@ def test_who_sees_what_is_held_out_does_not_predict_it() -> None:
     held = [SimulatedRun(key, key, "f-1", "", 0.0, False) for key in keys[:60]]
     members = judged_members(own, [], [], scenarios, 0.7)
     assert held_out_calibration(own, members, "f-1", held, scenarios).unknown == 0
-    pairs = replace(own, rows=own.rows.assign(occasion=np.arange(120) % 60))
+    pairs = replace(own, rows=own.rows.assign(recording=[f"r{k % 60}" for k in range(120)]))
     assert held_out_calibration(pairs, members, "f-1", held, scenarios).unknown == 60
 
 
@@ -377,7 +376,7 @@ def test_members_of_a_recording_that_is_held_out_do_not_predict_it() -> None:
     assert (others.verdict, others.unknown) == ("calibrated", 0)
 
 
-def test_windows_of_one_drive_that_overlap_are_one_draw() -> None:
+def test_what_was_cut_out_of_one_drive_is_one_draw() -> None:
     """20 windows of one harmless moment calibrate nothing, and none of them predicts another."""
     space = space_of([KINDS[0]] * 40)
     rng = np.random.default_rng(5)
@@ -389,33 +388,12 @@ def test_windows_of_one_drive_that_overlap_are_one_draw() -> None:
     runs = [SimulatedRun(key, key, "b", "p", 0.0, False, same=key) for key in keys[:-1]]
     members = judged_members(space, runs[:20], [DRIVE], apart, 0.7)
     assert held_out_calibration(space, members, "b", runs[20:], apart).verdict == "calibrated"
-    one = replace(apart, draw=dict.fromkeys(keys[20:40], "r20"))
+    one = replace(apart, drive=dict.fromkeys(keys[20:40], "r20"))
     found = held_out_calibration(space, members, "b", runs[20:], one)
     assert (found.verdict, found.bins[0].recordings) == ("not shown", 1)
-    beside = replace(apart, draw={f"r{k}": f"r{k % 20}" for k in range(40)})
+    beside = replace(apart, drive={f"r{k}": f"r{k % 20}" for k in range(40)})
     found = held_out_calibration(space, members, "b", runs[20:], beside)
     assert (found.verdict, found.unknown) == ("not shown", 20)
-
-
-def test_windows_are_told_by_the_drive_that_they_are_of() -> None:
-    def window(drive: str, begin: float, end: float) -> SimpleNamespace:
-        return SimpleNamespace(drive=drive, window=(begin, end))
-
-    told = {
-        "a": window("d", 0.0, 5.0),
-        "b": window("d", 4.0, 9.0),
-        "c": window("d", 8.0, 9.5),
-        "e": window("d", 9.5, 12.0),
-        "f": window("other", 0.0, 5.0),
-    }
-    assert draws(told) == {"a": "a", "b": "a", "c": "a", "e": "e", "f": "f"}  # type: ignore[arg-type]
-
-
-def test_scenarios_that_overlap_in_a_recording_are_told(space: Space) -> None:
-    rows = space.rows.assign(end=space.rows["start"] + 12.0)  # they begin 10 s after each other
-    names = rows["scenario"].astype(str).tolist()
-    assert overlapping(rows, {names[5]}) == sorted(names[4:7])
-    assert overlapping(space.rows, {names[5], ""}) == [names[5]]
 
 
 def test_a_run_that_is_there_again_is_no_further_evidence(space: Space) -> None:
@@ -630,7 +608,7 @@ def test_a_drive_in_another_file_is_the_same_draw(space: Space, tmp_path: Path) 
         read[name] = RecordingReader().read(tmp_path / name, content_hash(tmp_path / name))
     there = Simulated((), (), {one.key: one for one in read.values()}, "", "b", "", "")
     found = driven_traces(space, [there])
-    own, digits, other = (found.draw[one.key] for one in read.values())
+    own, digits, other = (found.drive[one.key] for one in read.values())
     assert own == digits != other
     first = from_frame(read["own"].slots)
     rows = pd.concat([space.rows.iloc[:1].assign(scenario="it"), space.rows], ignore_index=True)

@@ -42,7 +42,7 @@ GOOD = reliability(np.repeat(EVERY, 4000), np.zeros(28000))
 
 
 def limits(per_hour: float, **more: object) -> ReleaseLimits:
-    told = {"name": "t", "least_seen": 0.9, "least_seen_source": "test", "least_scenarios": 30,
+    told = {"name": "t", "least_seen": 0.9, "least_seen_source": "test", "least_drives": 30,
             "limit": [{"per": "hour", "accidents": per_hour, "source": "test"}]}  # fmt: skip
     return ReleaseLimits.model_validate({**told, **more})
 
@@ -320,7 +320,7 @@ def test_scenarios_that_nobody_simulated_may_be_accidents(seen: Space) -> None:
     found = decided(seen, harmless, limits(0.22))
     assert found.verdict == "not shown"
     one = next(one for one in cluster_risks(seen, harmless, "f-1") if one.cluster == "1.3")
-    assert (one.missing, one.scenarios, len(one.draws)) == (5, 35, 40)
+    assert (one.missing, one.drives, len(one.draws)) == (5, 35, 40)
     benign = decided(seen, harmless, limits(0.22), reliability(np.zeros(4000), np.zeros(4000)))
     assert (
         next(c.why for c in benign.forbidding if c.cluster == "1.3") == "5 scenarios of it were not simulated"
@@ -336,7 +336,7 @@ def test_recordings_that_are_no_scenarios_make_nothing_better(seen: Space) -> No
     beside = members(seen, 5000, 0.0)
     beside["draw"] = [f"elsewhere {k}" for k in range(len(beside))]
     alone, both = (cluster_risks(seen, one, "f-1")[0] for one in (frame, pd.concat([frame, beside])))
-    assert (alone.scenarios, both.scenarios, both.not_counted) == (40, 40, 5000)
+    assert (alone.drives, both.drives, both.not_counted) == (40, 40, 5000)
     assert both.why == {"its recording is no scenario of the space": 5000}
     assert risk_limit(both, 0.01, 30, GOOD).high >= risk_limit(alone, 0.01, 30, GOOD).high
     dangerous = cluster_risks(seen, pd.concat([frame, beside.assign(risk=0.5)]), "f-1")[0]
@@ -366,9 +366,9 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
 
 def test_kinds_that_each_come_in_one_drive_alone_are_not_all_that_there_is() -> None:
     """Each comes four times, and none once: as if all were seen, and the next drive has others."""
-    alone = build_space([source(f"s{k}", [KINDS[k]] * 4, k, 20.0) for k in range(10)])
+    alone = build_space([source(f"s{k}", [KINDS[k]] * 4, k, 20.0, each=4) for k in range(10)])
     mixed = build_space(
-        [source(f"s{k}", [KINDS[(k + j) % 10] for j in range(4)], k, 20.0) for k in range(10)]
+        [source(f"s{k}", [KINDS[(k + j) % 10] for j in range(4)], k, 20.0, each=4) for k in range(10)]
     )
     told = [
         [
@@ -622,5 +622,5 @@ def test_the_page_of_a_release_is_read_on_a_phone_and_a_desk(tmp_path: Path, wid
         rows = page.evaluate("() => [...document.querySelectorAll('tbody tr')].map(r => r.offsetHeight)")
         assert max(rows) <= 120, rows
         words = page.inner_text("body")
-    assert "members of 1 scenario count, at least 30 are needed" in words
+    assert "members count in 1 drive, at least 30 are needed" in words
     assert "2 held-out drives: not shown. Without a prediction or an outcome: 1." in words

@@ -73,7 +73,7 @@ def test_no_interval_has_width_zero(
         {}, {}, "", "b", "f-1", "", 0.7, {}, {}, 1, 0, found, reliability(predicted, collided), ()
     )
     asked = ReleaseLimits.model_validate(
-        {"name": "t", "least_seen": 0.9, "least_seen_source": "t", "least_scenarios": 3,
+        {"name": "t", "least_seen": 0.9, "least_seen_source": "t", "least_drives": 3,
          "limit": [{"per": per, "accidents": 0.1, "source": "t"} for per in ("hour", "kilometre")]}
     )  # fmt: skip
     other = build_space([source("other", named[::2], 2)])

@@ -59,7 +59,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
     rows = [
         [one.cluster, interval(exposure[one.cluster].per_hour), interval(exposure[one.cluster].per_kilometre),
          _risk(found, one), f"{one.measured_collided} of {one.measured}", f"{one.collided} of {one.counted}",
-         str(one.scenarios), str(one.missing), str(one.not_counted), _why(one), exposure[one.cluster].medoid]
+         str(one.drives), str(one.missing), str(one.not_counted), _why(one), exposure[one.cluster].medoid]
         for one in order[:LISTED]
     ]  # fmt: skip
     heads = [
@@ -69,7 +69,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
         "risk a scenario (95 %)",
         "driven, collided",
         "simulated, collided",
-        "of scenarios",
+        "in drives",
         "not simulated",
         "do not count",
         "why",
@@ -81,7 +81,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
 
 def _risk(found: CoverReport, one: ClusterRisk) -> str:
     """The risk of a cluster, where it is believed."""
-    if not one.scenarios:
+    if not one.drives:
         return "not shown: no member counts"
     return interval(one.risk) if is_believed(one, found.calibration) else "not shown: not calibrated"
 
