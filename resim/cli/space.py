@@ -118,7 +118,7 @@ def _tell_coverage(found: CoverageEntry) -> None:
         say("discovery and expansion have stopped")
     else:
         say(
-            f"not converged: at least {number(state.missing)} more scenarios, {number(state.missing_hours)} h"
+            f"not converged: about {number(state.missing)} more scenarios, {number(state.missing_hours)} h"
         )
 
 

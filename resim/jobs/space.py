@@ -40,6 +40,7 @@ from resim.results import (
     write_parquet,
 )
 from resim.space.build import BucketDone, build_space, grow_space, usual_threshold
+from resim.space.clustering import PUBLISHED_THRESHOLD
 from resim.space.comparison import SpaceComparison, compare_spaces, together
 from resim.space.folder import REMEDY, read_report, read_space, write_space
 from resim.space.held_out import held_out_calibration, mined_whole
@@ -196,7 +197,7 @@ class CoverOptions:
 
     Attributes:
         within: Slot distance to a verified test drive up to which a simulated member counts; the space's usual
-            threshold, if None.
+            threshold, but not above the published one, if None.
         held_out: Folders of sweeps or verifications whose collisions calibrate predicted risk, and are no members.
     """
 
@@ -225,9 +226,8 @@ def cover(
     """
     folder, (found, told) = path_of(space), read_space(path_of(space))
     farthest = found.settings.distance.longest
-    within = (
-        min(usual_threshold(found), farthest) if options.within is None else _within(options.within, farthest)
-    )
+    usual = min(usual_threshold(found), PUBLISHED_THRESHOLD)
+    within = usual if options.within is None else _within(options.within, farthest)
     how = SpaceReading(folder, RecordingReader())
     given = [(path_of(one), read_simulated(path_of(one), how)) for one in simulated]
     held = [(path_of(one), read_simulated(path_of(one), how)) for one in options.held_out]

@@ -44,7 +44,7 @@ from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording, read_tables
 from resim.recordings.checked import finding_lines, load_checked
-from resim.recordings.content import content_hash, tracks_hash
+from resim.recordings.content import content_hash, tracks_hash, traffic_hash
 from resim.recordings.tables import read_parquet
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.results import write_json, write_parquet
@@ -66,6 +66,7 @@ class MinedPart:
         folder: Where it was read, seen from the study's folder.
         content: Hash of what it holds.
         tracks: Hash of its GT, EGO and map, which copies under other names share.
+        traffic: Hash of who was where, which copies of other bytes share.
         key: Of thresholds and options.
         objects: How many there are.
         hours: Vehicle hours [h] on lanes.
@@ -93,6 +94,7 @@ class MinedPart:
     folder: str
     content: str
     tracks: str
+    traffic: str
     key: str
     objects: int
     hours: float
@@ -346,6 +348,7 @@ def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[s
     first, last = samples.tracks.span()
     return MinedPart(
         recording=name, folder=folder, content=follows_from[0], tracks=follows_from[1],
+        traffic=traffic_hash(samples.tracks),
         key=follows_from[2],
         objects=len(samples.tracks),
         hours=float(dt.sum()) / 3600.0, kilometres=float(way.sum()) / 1000.0,

@@ -265,14 +265,14 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
 
 def _refuse_twice(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
     """Raise InputError where a recording was mined twice: its hours and kinds would count twice."""
-    known = {tracks for one in entries for tracks in one.recordings.values()}
+    known = {told for one in entries for told in (*one.recordings.values(), *one.traffic.values())}
     for one in source.recordings:
-        if one.tracks and one.tracks in known:
+        if {one.tracks, one.traffic} & (known - {""}):
             problem = f"recording {one.name} is in the space already"
             raise InputError(
                 source.folder, problem, "A drive counts once: mine each recording into one folder."
             )
-        known.add(one.tracks)
+        known |= {one.tracks, one.traffic}
 
 
 def _refuse_others(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
@@ -304,7 +304,8 @@ def _entry(source: MinedSource, name: str, batch: int) -> SourceEntry:
         sum(one.hours for one in source.recordings), sum(one.kilometres for one in source.recordings), len(rows),
         int(rows["occasion"].nunique()), len(source.left_out),
         float((rows["build"] != "").mean()) if len(rows) else math.nan,
-        {one.name: one.tracks for one in source.recordings if one.tracks}, source.failed, _accidents(source),
+        {one.name: one.tracks for one in source.recordings if one.tracks},
+        {one.name: one.traffic for one in source.recordings if one.traffic}, source.failed, _accidents(source),
         _driven_by(source),
     )  # fmt: skip
 

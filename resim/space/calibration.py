@@ -127,6 +127,14 @@ def believed(report: ReliabilityReport | None, low: float, high: float) -> bool:
     return set(EDGES[first : last + 1]) <= {one.low for one in report.bins}
 
 
+def drives_missing(report: ReliabilityReport | None, low: float, high: float) -> int:
+    """Give how many more drives have to be held out at least until all bins from a predicted risk to another one are
+    told."""
+    first, last = (_bin(np.array([risk]))[0] for risk in (low, high))
+    held = {} if report is None else {one.low: one.recordings for one in report.bins}
+    return int(sum(max(LEAST - held.get(edge, 0), 0) for edge in EDGES[first : last + 1]))
+
+
 def _bin(risk: Floats) -> np.ndarray:
     """The bins of predicted risks."""
     return np.clip(np.searchsorted(EDGES, risk, side="right") - 1, 0, len(EDGES) - 2)

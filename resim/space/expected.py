@@ -19,7 +19,7 @@ from scipy.special import gammaincinv
 
 from resim.core.geometry import Floats
 from resim.core.intervals import exact
-from resim.space.calibration import ReliabilityReport, believed
+from resim.space.calibration import ReliabilityReport, believed, drives_missing
 from resim.space.risk import ClusterRisk
 from resim.space.statistics.rates import IntervalEstimate, poisson_limits, spread_of
 from resim.space.statistics.unseen import unseen_share
@@ -91,10 +91,18 @@ def risk_limit(
 
 def is_believed(one: ClusterRisk, calibration: ReliabilityReport | None) -> bool:
     """Say whether the risk of a cluster is calibrated, wherever it could lie if nothing were missing."""
-    if not one.drives:
-        return False
+    return bool(one.drives) and believed(calibration, *_range(one))
+
+
+def held_out_missing(one: ClusterRisk, calibration: ReliabilityReport | None) -> int:
+    """Give how many more drives have to be held out at least until the risk of a cluster can be believed."""
+    return drives_missing(calibration, *_range(one)) if one.drives else 0
+
+
+def _range(one: ClusterRisk) -> tuple[float, float]:
+    """Where the risk of a cluster could lie if nothing were missing."""
     least, most = one.means(largest=False)[0].min(), one.means(largest=True)[0].max()
-    return believed(calibration, *(min(max(float(mean), 0.0), 1.0) for mean in (least, most)))
+    return min(max(float(least), 0.0), 1.0), min(max(float(most), 0.0), 1.0)
 
 
 def expected_accidents(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 
-from resim.space.calibration import ReliabilityReport
+from resim.space.calibration import ReliabilityReport, reliability
 from resim.space.draws import scenario_draws
-from resim.space.members import DrivenTraces, SimulatedRun, clusters_of
+from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, clusters_of
 from resim.space.model import Space
-from resim.space.risk import calibrated, predicted_risks
+from resim.space.risk import ClusterRisk, predicted_risks
 
 
 def held_out_calibration(
@@ -46,3 +48,32 @@ def mined_whole(space: Space, spared: Sequence[SimulatedRun], known: DrivenTrace
             f"{count} held-out drives are of recordings that the space was mined of, and nothing is predicted of them: "
             "hold out their scenarios (`resim mine --scenarios recordings`), or other drives"
         )
+
+
+def calibrated(
+    risks: Sequence[ClusterRisk], held: Sequence[SimulatedRun], cluster: Mapping[str, str],
+    draw: Mapping[str, str] | None = None,
+) -> ReliabilityReport:  # fmt: skip
+    """Compare the risk of clusters, by their members that count, with the collisions of drives that were held out.
+
+    risks: without what is held out (`predicted_risks`). cluster: of recordings, by key. A held-out drive of no cluster,
+    of one without a risk, or that is not what was verified has no prediction. Predicted is the least that a cluster's
+    risk may be with all that is missing: else one that rises as harmless members are lost would be calibrated. draw:
+    what several recordings are one draw of, by key (`DrivenTraces.drive`).
+    """
+    known = [one for one in risks if one.drives]
+    least = {
+        one.cluster: min(float(one.means(largest=False)[0].min()), float(one.risk.value)) for one in known
+    }
+    value = {one.cluster: float(one.risk.value) for one in known}
+    of = ["" if run.changed or run.trust != INSIDE else cluster.get(run.recording, "") for run in held]
+    collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
+    draws = [(draw or {}).get(run.recording, run.recording) for run in held]
+
+    def report(by_name: Mapping[str, float]) -> ReliabilityReport:
+        return reliability(np.array([by_name.get(name, np.nan) for name in of], dtype=float), collided, draws)
+
+    found = report(least)
+    if found.verdict == "too low" and report(value).verdict != "too low":
+        return replace(found, verdict="not shown")  # it may be what is missing
+    return found

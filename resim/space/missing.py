@@ -6,22 +6,26 @@ import numpy as np
 
 from resim.space.expected import ExposedScenarios
 from resim.space.statistics.rates import poisson_limits
-from resim.space.statistics.unseen import more_needed, unseen_share
+from resim.space.statistics.unseen import unseen_share
 
 MOST = 1e12
 """Times the hours so far, above which nothing is told."""
 
 
 def hours_for_kinds(seen: ExposedScenarios, unseen: float, confidence: float, hours: float) -> float:
-    """Give how many hours more bring the upper end of the unseen share down to a limit, at least.
+    """Give how many hours more bring the upper end of the unseen share down to a limit, at least: if nothing new comes.
 
     seen: all that was seen; unseen: the limit; confidence: one-sided; hours: driven so far. NaN where nothing was
     driven.
     """
     counts = seen.counts()
-    if not hours > 0.0 or not counts.sum():
+    count, level = float(counts.sum()), 2.0 * confidence - 1.0
+    if not hours > 0.0 or not count:
         return np.nan
-    return more_needed(counts[counts > 0], unseen, 2.0 * confidence - 1.0) * hours / float(counts.sum())
+    if unseen_share(counts[counts > 0], confidence=level).high <= unseen:
+        return 0.0
+    needed = unseen_share(np.array([MOST]), confidence=level).high * MOST / unseen  # the upper end is so much by count
+    return max(needed / count - 1.0, 0.0) * hours
 
 
 def hours_for_accidents(

@@ -14,6 +14,7 @@ from resim.space.draws import scenario_draws
 from resim.space.expected import (
     AccidentTerms,
     RiskLimit,
+    held_out_missing,
     unseen_of,
 )
 from resim.space.limits import Per, ReleaseLimits
@@ -183,11 +184,14 @@ def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:
     if one.drives < case.limits.least_drives:
         some = counted(one.drives, "drive")
         return f"members count in {some}, at least {case.limits.least_drives} are needed"
+    told = []
     if one.missing:
-        return (
+        told.append(
             f"{counted(one.missing, 'scenario')} of it {'was' if one.missing == 1 else 'were'} not simulated"
         )
-    return "its risk is not calibrated: there are not enough held-out drives with such a risk"
+    if more := held_out_missing(one, case.calibration):
+        told.append(f"{more} more drives with such a risk have to be held out at least")
+    return f"its risk is not calibrated{': ' if told else ''}{'; '.join(told)}"
 
 
 def _medoids(space: Space) -> dict[str, str]:

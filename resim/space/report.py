@@ -32,6 +32,7 @@ class SourceEntry:
         left_out: Scenarios without slots.
         build_share: Share of its scenarios whose EGO a build drove.
         recordings: Hash of GT, EGO and map of each of its recordings, by name: copies under other names are one.
+        traffic: Hash of who was where in each of its recordings, by name: copies of other bytes are one.
         failed: Recordings that could not be mined: what happened in them is not known.
         accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
         driven_by: By hash of the build, h that its test drives lasted; "" for all others.
@@ -51,6 +52,7 @@ class SourceEntry:
     left_out: int
     build_share: NumberOrNan
     recordings: Mapping[str, str]
+    traffic: Mapping[str, str]
     failed: tuple[str, ...]
     accidents: Mapping[str, int]
     driven_by: Mapping[str, NumberOrNan]
@@ -88,7 +90,7 @@ class ConvergenceEntry:
         limit: Of both shares.
         unseen: Probability that the next scenario is of a kind not seen.
         expanding: Share of the later half of scenarios that are of a new kind, or enlarge theirs by over TOLERANCE.
-        missing: Scenarios that are missing at least until it can be told, NaN where nobody can say.
+        missing: Scenarios that are missing, about, until it can be told, NaN where nobody can say.
         missing_hours: h in which so many come, at the rate so far.
     """
 

@@ -10,9 +10,9 @@ import pandas as pd
 
 from resim.core.geometry import Floats
 from resim.core.spec import EXACT, NumberOrNan
-from resim.space.calibration import ReliabilityReport, reliability
+from resim.space.calibration import ReliabilityReport
 from resim.space.draws import scenario_draws
-from resim.space.members import INSIDE, SimulatedRun, TestDrive
+from resim.space.members import TestDrive
 from resim.space.model import Space
 from resim.space.sources import UNKNOWN_BUILD
 from resim.space.statistics.rates import IntervalEstimate, share
@@ -339,23 +339,6 @@ def _worst(members: pd.DataFrame) -> tuple[WorstMember, ...]:
         WorstMember(name, value, None if np.isnan(hit) else bool(hit), repeat)
         for name, value, hit, repeat in names
     )
-
-
-def calibrated(
-    risks: Sequence[ClusterRisk], held: Sequence[SimulatedRun], cluster: Mapping[str, str],
-    draw: Mapping[str, str] | None = None,
-) -> ReliabilityReport:  # fmt: skip
-    """Compare the risk of clusters, by their members that count, with the collisions of drives that were held out.
-
-    risks: without what is held out (`predicted_risks`). cluster: of recordings, by key. A held-out drive of no cluster,
-    of one without a risk, or that is not what was verified has no prediction. draw: what several recordings are one
-    draw of, by key (`DrivenTraces`).
-    """
-    by_name = {one.cluster: one.risk.value for one in risks}
-    of = ["" if run.changed or run.trust != INSIDE else cluster.get(run.recording, "") for run in held]
-    predicted = np.array([by_name.get(name, np.nan) for name in of], dtype=float)
-    collided = np.array([np.nan if run.collided is None else float(run.collided) for run in held])
-    return reliability(predicted, collided, [(draw or {}).get(run.recording, run.recording) for run in held])
 
 
 def cover_notes(members: pd.DataFrame, drives: Sequence[TestDrive]) -> list[str]:

@@ -41,6 +41,7 @@ class DrivenRecording:
         build: Hash of the build that drove it, UNKNOWN_BUILD for one without a hash, "" for a person or where nobody
             says.
         tracks: Hash of its GT, EGO and map, which copies under other names share.
+        traffic: Hash of who was where, and of the EGO where it alone counts, which copies of other bytes share.
         accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario; 1
             where nobody says that it did not collide.
     """
@@ -52,6 +53,7 @@ class DrivenRecording:
     ego: str
     build: str
     tracks: str = ""
+    traffic: str = ""
     accidents: int = 0
 
 
@@ -154,6 +156,7 @@ def _driven(part: Mapping[str, Any], egos: str) -> DrivenRecording:
         str(part["recording"]), math.nan if hours is None else float(hours),
         math.nan if way is None else float(way), part.get("map") or "", part.get("ego") or "",
         part.get("build_hash") or (UNKNOWN_BUILD if part.get("build") else ""), str(part["tracks"]),
+        f"{part['traffic']} {part.get('ego') if own else ''}",
     )  # fmt: skip
 
 

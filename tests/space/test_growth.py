@@ -152,6 +152,19 @@ def test_a_drive_that_is_there_again_is_refused_whatever_its_file_is(how: str) -
     assert len(build_space(queues).rows) == 25 + len(again.rows)  # a queue looks like any other
 
 
+def test_hours_of_a_drive_without_a_scenario_count_once_whatever_its_bytes_are() -> None:
+    quiet = replace(
+        source("day", kinds(5, 1), 1).recordings[0], name="quiet", tracks="bytes", traffic="where"
+    )
+    day, night = (source(name, kinds(5, k), k) for k, name in enumerate(("day", "night")))
+    first = replace(day, recordings=(*day.recordings, quiet))
+    again = replace(night, recordings=(*night.recordings, replace(quiet, name="again", tracks="other bytes")))
+    with pytest.raises(InputError, match="recording again is in the space already"):
+        build_space([first, again])
+    with pytest.raises(InputError, match="recording again is in the space already"):
+        grow_space(build_space([first]), [again])
+
+
 def test_what_is_cut_short_is_of_no_kind_that_was_seen() -> None:
     """In its first second every cut-out is following, and harmless."""
     whole = space_of([*KINDS[:3]] * 8, build="b")

@@ -28,8 +28,9 @@ from resim.jobs.space_recordings import RecordingReader
 from resim.recordings.content import content_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
 from resim.space.build import cluster_buckets
-from resim.space.held_out import held_out_calibration, mined_whole
+from resim.space.held_out import calibrated, held_out_calibration, mined_whole
 from resim.space.members import (
+    MEMBER_COLUMNS,
     DrivenTraces,
     SimulatedRun,
     TestDrive,
@@ -38,7 +39,7 @@ from resim.space.members import (
     not_mined,
 )
 from resim.space.model import Space
-from resim.space.risk import ClusterRisk, calibrated, cluster_risks, cover_notes
+from resim.space.risk import ClusterRisk, cluster_risks, cover_notes
 from resim.space.traces import from_frame, joined
 from resim.verification.entries import FailedRecording
 from resim.verification.tolerance import Tolerances
@@ -336,6 +337,23 @@ def test_a_drive_that_is_held_out_does_not_predict_itself(space: Space) -> None:
     assert "50 held-out drives are of recordings that the space was mined of" in next(
         mined_whole(mined, held, others)
     )
+
+
+def test_a_prediction_that_rises_as_harmless_members_are_lost_is_not_calibrated() -> None:
+    own = space_of([KINDS[0]] * 40)
+    names = own.rows["scenario"].astype(str).tolist()
+    rows = [
+        (name, name, name, "1.1", "d", 0.1, 0.3 * (k % 2), False, True, "", "")
+        for k, name in enumerate(names)
+    ]
+    frame = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS)).astype({"collided": "boolean"})
+    held = [SimulatedRun(str(k), f"h{k}", "b", "", 0.0, k % 3 == 0) for k in range(120)]
+    cluster = {run.recording: "1.1" for run in held}
+    assert calibrated(cluster_risks(own, frame, "b"), held, cluster).verdict == "too low"
+    for lost in (frame.assign(counts=frame["risk"] > 0.0), frame[frame["risk"] > 0.0]):
+        risks = cluster_risks(own, lost, "b")
+        assert risks[0].risk.value == pytest.approx(0.3)
+        assert calibrated(risks, held, cluster).verdict == "not shown"
 
 
 def test_scenarios_of_a_drive_that_is_held_out_do_not_predict_it() -> None:

@@ -81,7 +81,7 @@ def kinds_at_least(counts: Ints) -> KindsBound:
 
 
 def more_needed(counts: Ints, limit: float, confidence: float = CONFIDENCE) -> float:
-    """Give how many more scenarios bring the upper end of the unseen share down to a limit: at least so many.
+    """Give how many more scenarios bring the upper end of the unseen share down to a limit, about.
 
     The share falls with m more as f1 / n (1 - f1 / (n f0 + f1))^m (Chao and Jost 2012), with f0 from Chao's bound, so
     that it falls no faster; the interval is then the exact one of that many kinds seen once. 0 where it is there.
