@@ -66,6 +66,13 @@ def start(tasks: Path, jobs: int) -> tuple[subprocess.Popen[str], str, str]:
     return server, found[1], found[2]
 
 
+def home_of(page: str) -> str:
+    """Give with what all addresses of a session begin, of the page that lets it in."""
+    found = re.search(r"url=(/[0-9a-f]{32})/", page)
+    assert found is not None
+    return found[1]
+
+
 def end(server: subprocess.Popen[str]) -> None:
     """Kill a server."""
     server.kill()
@@ -160,7 +167,8 @@ async def ask(address: str, token: str, users: int, running: asyncio.Event) -> l
     async with httpx2.AsyncClient(
         base_url=address, timeout=60.0, limits=httpx2.Limits(max_connections=users)
     ) as client:
-        (await client.get("/", params={"token": token})).raise_for_status()
+        entered = (await client.get("/", params={"token": token})).raise_for_status()
+        client.base_url = address + home_of(entered.text)
 
         async def user(k: int) -> None:
             chance = random.Random(k)
@@ -224,12 +232,13 @@ def memory(folder: Path, requests: int) -> None:
     server, address, token = start(tasks, 1)
     process, grown, done = psutil.Process(server.pid), [], threading.Event()
     with httpx2.Client(base_url=address, timeout=60.0) as client:
-        client.get("/", params={"token": token}).raise_for_status()
-        while not (found := re.findall(r'href="(/experiments/\w+)"', client.get("/experiments").text)):
+        home = home_of(client.get("/", params={"token": token}).raise_for_status().text)
+        client.base_url = address + home
+        while not (found := re.findall(r'href="/\w+(/experiments/\w+)"', client.get("/experiments").text)):
             time.sleep(1.0)
-        results = re.findall(r'href="(/results/\w+)"', client.get("/results").text)
+        results = re.findall(r'href="/\w+(/results/\w+)"', client.get("/results").text)
         cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
-    asking = [Asking(address, cookie, [*found, *results], k) for k in range(CLIENTS)]
+    asking = [Asking(address, home, cookie, [*found, *results], k) for k in range(CLIENTS)]
     grown.append(process.memory_info().rss / 1e6)
     before = sum(process.cpu_times()[:2])
     begin, threads = time.monotonic(), [threading.Thread(target=one.ask, args=(done,)) for one in asking]
@@ -263,8 +272,9 @@ def memory(folder: Path, requests: int) -> None:
 class Asking:
     """A client with an address of its own that asks for one page after the other. took [s]: by each of them."""
 
-    def __init__(self, address: str, cookie: str, things: list[str], number: int) -> None:
+    def __init__(self, address: str, home: str, cookie: str, things: list[str], number: int) -> None:
         self._place, self._cookie, self._things = address.partition("://")[2], cookie, things
+        self._home = home
         self._chance, self._from = random.Random(number), f"127.0.0.{number + 2}"
         self.took: list[float] = []
         self.fault = ""
@@ -294,7 +304,7 @@ class Asking:
         return HTTPConnection(self._place, timeout=60.0, source_address=(self._from, 0))
 
     def _sent(self, held: HTTPConnection, path: str) -> HTTPResponse:
-        held.request("GET", path, headers={"cookie": self._cookie})
+        held.request("GET", self._home + path, headers={"cookie": self._cookie})
         return held.getresponse()
 
 

@@ -77,6 +77,12 @@ def test_it_is_found_by_what_is_known_of_it(database: str, shipped: Path, made: 
         ({"hashes": (drive,)}, both[1:]),
     ):  # fmt: skip
         assert names(catalog, **drives, **query) == expected, query
+    for kind in ("map", "run", "assessment", "verification", "sweep", "mining", "scenario"):
+        every, there = names(catalog, kinds=(kind,)), names(catalog, kinds=(kind,), place="proving")
+        assert there, kind  # all that came from drives there, and nothing of another map
+        assert kind in ("map", "scenario") or there == every
+        assert names(catalog, kinds=(kind,), place="urban") == (["urban"] if kind == "map" else []), kind
+    assert "cut_in_brake+ego+1" in names(catalog, place="proving", maneuver="cut_in")
     assert names(catalog, kinds=("run",), verdict="fail") == ["cut_in_brake"]
     assert names(catalog, kinds=("run",), verdict="PASS", build="highway") == []
     assert {i.kind for i in find_page(catalog, LakeQuery(hashes=(drive,))).items} == {
