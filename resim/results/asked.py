@@ -59,7 +59,7 @@ def write_asked(asked: AskedResults, folder: Path) -> None:
         for v in asked.values
     ]
     told = {
-        "of": file_hash(folder / KINDS[kind_of(folder)][0]),
+        "of": digest(folder, kind_of(folder)),
         "command": [*asked.command],
         "values": values,
     }
@@ -72,7 +72,7 @@ def read_asked(entry: CatalogEntry) -> AskedResults | None:
     """Give how results were asked for; None where nobody wrote it down, or it is not of what lies there now."""
     try:
         told: dict[str, Any] = read_sealed(entry.folder / FILE, _REMEDY)
-        if told["of"] != file_hash(entry.folder / KINDS[entry.kind][0]):
+        if told["of"] != entry.digest:
             return None
         values = tuple(
             AskedValue(v["option"], str(entry.folder / v["text"]) if v["hash"] else v["text"], v["hash"])

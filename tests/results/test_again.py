@@ -87,11 +87,11 @@ def test_an_assessment_mining_and_a_space_are_made_again(tmp_path: Path, made: P
 def test_a_verification_and_a_sweep_are_made_again(made: Path, tmp_path: Path) -> None:
     suite = tmp_path / "one.toml"
     suite.write_text(
-        f'name = "one"\ncriteria = "{CRITERIA}"\nreports = 0\n[[recording]]\nfolder = "{DRIVE}"\n'
+        f'name = "one"\ncriteria = "{CRITERIA}"\nreports = 0\nagreement = 0.5\n[[recording]]\nfolder = "{DRIVE}"\n'
     )
     told = repeated(tmp_path, "verify", suite, "--build", PILOT, "--perception", LATENCY, "--set", "latency.speed=0.1",
-                    "--seeds", 3, "--driven-by", "unknown", "--vary", "speed", "--workers", 1)  # fmt: skip
-    assert told[5:] == ["--perception", str(LATENCY), "--set", "latency.speed=0.1", "--seeds", "3", "--vary", "speed",
+                    "--seeds", 6, "--driven-by", "unknown", "--vary", "speed", "--workers", 1)  # fmt: skip
+    assert told[5:] == ["--perception", str(LATENCY), "--set", "latency.speed=0.1", "--seeds", "6", "--vary", "speed",
                         "--driven-by", "unknown"]  # fmt: skip
     assert command(made / "sweep")[1:] == ["sweep", "run", str(made / "late.toml")]
 

@@ -107,7 +107,7 @@ def test_everything_is_found_by_the_filters_of_the_command(user: Any, known: Cat
 
 
 def test_one_click_leads_from_a_result_to_all_it_came_from_and_back(
-    supervisor: Any, user: Any, known: Catalog, tmp_path: Path
+    supervisor: Any, user: Any, known: Catalog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wanted = {"build": "highway_pilot-1.0", "criteria": "highway"}
     files = {k: next(i for i in supervisor.files(k, most=20) if i.name == n) for k, n in wanted.items()}
@@ -117,6 +117,7 @@ def test_one_click_leads_from_a_result_to_all_it_came_from_and_back(
     run = entry(folder=tmp_path, inputs=inputs)
     known.add(run)
     (tmp_path / "run.json").write_text("{}")
+    monkeypatch.setattr("resim.results.asked.digest", lambda folder, kind: run.digest)
     options = {"recording": "", "build": "--build", "criteria": "--criteria"}
     asked = (AskedValue(options[role], i.folder, i.digest) for role, i in told.items())
     write_asked(AskedResults(("run",), (*asked, AskedValue("--set", "latency.speed=0.4"))), tmp_path)
