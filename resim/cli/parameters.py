@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -78,19 +78,25 @@ def noted(job: Job, given: Mapping[str, Any], context: typer.Context) -> Iterato
     if not isinstance(out, Path):
         yield
         return
-    before, inputs = [*_stamps({"out": out})], [*_stamps(given, without=out)]
+    before, inputs = {*_stamps({"out": out})}, [*_stamps(given, without=out)]
     try:
         yield
     finally:
-        from resim.results.asked import AskedResults, mark_of, write_asked
+        if new := {*_stamps({"out": out})} - before:
+            same = [*_stamps(given, without=out)] == inputs  # else nobody knows what it was made of
+            _note(job, given, _command(context), out, {name for name, _ in new} if same else set())
 
-        if (mark := mark_of(out)) is not None and not {*_stamps({"mark": mark})} <= {*before}:
-            try:
-                asked = AskedResults(_command(context), tuple(values_of(job, given)))
-                if [*_stamps(given, without=out)] == inputs:  # else nobody knows what it was made of
-                    write_asked(asked, out)
-            except (InputError, OSError) as e:
-                say(f"resim: warning: how to make {out} again could not be written down: {e}", err=True)
+
+def _note(job: Job, given: Mapping[str, Any], words: tuple[str, ...], out: Path, new: set[Path]) -> None:
+    """Write it down where what is new in the folder are results."""
+    from resim.results.asked import AskedResults, mark_of, write_asked
+
+    if mark_of(out) not in new:
+        return
+    try:
+        write_asked(AskedResults(words, tuple(values_of(job, given))), out)
+    except (InputError, OSError) as e:
+        say(f"resim: warning: how to make {out} again could not be written down: {e}", err=True)
 
 
 def _command(context: typer.Context) -> tuple[str, ...]:
@@ -102,10 +108,11 @@ def _command(context: typer.Context) -> tuple[str, ...]:
     return tuple(words)
 
 
-def _stamps(given: Mapping[str, Any], without: Path | None = None) -> Iterator[object]:
+def _stamps(given: Mapping[str, Any], without: Path | None = None) -> Iterator[tuple[Path, object]]:
     """By what a change is noticed of the files that a command is given, and of those in its folders."""
     values: Iterable[Any] = (one for v in given.values() for one in (v if isinstance(v, list) else [v]))
     for path in (one for one in values if isinstance(one, Path) and one != without):
-        for file in sorted(path.glob("*")) if path.is_dir() else [path]:
-            stat = file.stat() if file.is_file() else None
-            yield file, stat and (stat.st_mtime_ns, stat.st_size, stat.st_ino)
+        with suppress(OSError):  # of what cannot be read the command itself tells
+            for file in sorted(path.glob("*")) if path.is_dir() else [path]:
+                stat = file.stat() if file.is_file() else None
+                yield file, stat and (stat.st_mtime_ns, stat.st_size, stat.st_ino)
