@@ -36,7 +36,7 @@ docs: $(READY)
 # What takes too long for CI: the tables of docs/validation.md, each into out/validate. Real recordings are read from DATA.
 DATA ?= ../shared/data
 validated = $(BIN)/python tools/$(2) > out/validate/$(1).md
-validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/ready
+validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/ready $(FORMATS)/ready
 	mkdir -p out/validate
 	$(call validated,corner_case,validate_corner_case.py)
 	$(call validated,standing,validate_standing.py)
@@ -75,6 +75,8 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,sweep,validate_sweep.py)
 	$(call validated,locality,validate_locality.py)
 	$(BIN)/pytest -m slow > out/validate/slow_tests.txt
+	$(FORMATS)/bin/python -m pytest tests/recordings/test_argoverse.py tests/recordings/logs -m slow \
+	  >> out/validate/slow_tests.txt
 	-$(BIN)/resim verify scenarios/suites/highway.toml --build adfunc/builds/highway_pilot-1.0.toml \
 	  --perception adfunc/perception/proving_ground.json --out out/validate/highway > out/validate/highway.md
 

@@ -39,8 +39,8 @@ LAX = """name = "lax"
 confidence = 0.95
 least_seen = 0.8
 least_seen_source = "none"
-least_members = 30
-least_members_source = "none"
+least_scenarios = 30
+least_scenarios_source = "none"
 [[limit]]
 per = "hour"
 accidents = 400.0

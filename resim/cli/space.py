@@ -156,7 +156,7 @@ def cover(
 
     found = job.cover(space, sweep, job.CoverOptions(within, tuple(held_out or ())))
     members = sum(one.counted for one in found.clusters)
-    known = sum(bool(one.values) for one in found.clusters)
+    known = sum(bool(one.scenarios) for one in found.clusters)
     drives = counted(found.drives, "verified test drive")
     say(f"{found.label}: {drives}, {counted(members, 'simulated member')} that count{'s' * (members == 1)}")
     say(f"{known} of {len(found.clusters)} clusters have a member that counts")

@@ -29,7 +29,7 @@ from resim.simulation.naturalistic.settings import NaturalisticSettings
 from resim.simulation.reactive.settings import ReactiveSettings
 from resim.space.comparison import SpaceComparison
 from resim.space.limits import ReleaseLimits
-from resim.space.release import ReleaseReport
+from resim.space.release_report import ReleaseReport
 from resim.space.report import SpaceReport
 from resim.space.risk import CoverReport
 from resim.space.settings import SpaceSettings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -40,18 +40,15 @@ from resim.results import (
     write_parquet,
 )
 from resim.space.build import BucketDone, build_space, grow_space, usual_threshold
-from resim.space.calibration import ReliabilityReport
 from resim.space.comparison import SpaceComparison, compare_spaces, together
 from resim.space.folder import REMEDY, read_report, read_space, write_space
+from resim.space.held_out import held_out_calibration, mined_whole
 from resim.space.limits import read_limits
 from resim.space.members import (
-    DrivenTraces,
     SimulatedRun,
     TestDrive,
-    clusters_of,
     judged_members,
     not_mined,
-    overlapping,
 )
 from resim.space.model import Space
 from resim.space.page import (
@@ -60,10 +57,11 @@ from resim.space.page import (
     write_release_page,
     write_space_page,
 )
-from resim.space.release import ReleaseReport, decide
+from resim.space.release import decide
+from resim.space.release_report import ReleaseReport
 from resim.space.report import MARK, SpaceReport
 from resim.space.risk import MARK as COVER
-from resim.space.risk import CoverReport, calibrated, cluster_risks, cover_notes, predicted_risks
+from resim.space.risk import CoverReport, GivenFolder, cluster_risks, cover_notes
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 from resim.space.sources import read_mined
 
@@ -244,24 +242,30 @@ def cover(
     members = judged_members(found, [run for one in every for run in one.runs], drives, known, within)
     risks = cluster_risks(found, members, first.build)
     spared = _spared(every, [one for _, one in held])
-    calibration = None if not held else _calibration(found, members, first.build, spared, known)
+    calibration = None if not held else held_out_calibration(found, members, first.build, spared, known)
     with locked(folder, "another `resim space`"), explain_os_errors(folder):
         files = _write_members(folder, members, next((one.traffic for one in every if one.traffic), ""))
         report = CoverReport(
             versions(), files, file_hash(folder / MARK), first.build, first.label, first.perception, within,
-            _runs(folder, given), _runs(folder, held), _verified(drives),
+            _told(folder, given), _told(folder, held), _verified(drives),
             not_mined(found, accidents(one for _, one in (*given, *held)), known), risks, calibration,
-            (*cover_notes(members, drives), *_mined_whole(found, spared, known)),
+            (*cover_notes(members, drives), *mined_whole(found, spared, known),
+             *{one.judged: None for _, one in (*given, *held) if one.judged}),
         )  # fmt: skip
         write_json(sealed(to_json(report)), folder / COVER)
         write_cover_page(found, told, report, folder)
     return report
 
 
-def _runs(space: Path, given: Sequence[tuple[Path, Simulated]]) -> dict[str, int]:
-    """How many runs each folder holds, by its path from the space's."""
+def _told(space: Path, given: Sequence[tuple[Path, Simulated]]) -> dict[str, GivenFolder]:
+    """How many runs each folder holds, and its hash, by its path from the space's."""
     where = Path(os.path.realpath(space))
-    return {relative(Path(os.path.realpath(folder)), where): len(one.runs) for folder, one in given}
+    return {
+        relative(Path(os.path.realpath(folder)), where): GivenFolder(
+            len(one.runs), file_hash(folder / one.mark)
+        )
+        for folder, one in given
+    }
 
 
 def _spared(given: Sequence[Simulated], held: Sequence[Simulated]) -> list[SimulatedRun]:
@@ -273,39 +277,6 @@ def _spared(given: Sequence[Simulated], held: Sequence[Simulated]) -> list[Simul
     if len({run.same for run in spared}) < len(spared):
         raise InputError("--held-out", "the same run is there twice", "Name each drive once.")
     return spared
-
-
-def _calibration(
-    space: Space, members: pd.DataFrame, build: str, spared: Sequence[SimulatedRun], known: DrivenTraces
-) -> ReliabilityReport:
-    """Whether predicted risk is to be believed, by predictions that know nothing of the drives that are held out."""
-    held = {known.draw.get(run.recording, run.recording) for run in spared}
-    alike = [key for key in known.scenario if known.draw.get(key, key) in held]
-    scenarios = overlapping(space.rows, {known.scenario[key] for key in alike})
-    # other seeds, variations and windows of what is held out would tell how it ends
-    others = members[~members["origin"].isin([*alike, *scenarios])]
-    risks = predicted_risks(space, others, build, scenarios)
-    mined = _mined_of(space, known)
-    clusters = {key: name for key, name in clusters_of(space, known).items() if key not in mined}
-    return calibrated(risks, spared, clusters, known.draw)
-
-
-def _mined_of(space: Space, known: DrivenTraces) -> set[str]:
-    """Recordings, by key, of whose drives the space was mined: which of its scenarios are of them is not known."""
-    mined = {tracks for one in space.sources for tracks in one.recordings}
-    parts = {key for key, name in known.scenario.items() if not name and known.drive.get(key, key) in mined}
-    return mined | parts
-
-
-def _mined_whole(space: Space, spared: Sequence[SimulatedRun], known: DrivenTraces) -> Iterator[str]:
-    """A note where nothing is predicted of drives that are held out, since the space was mined of them."""
-    mined = _mined_of(space, known)
-    count = sum(run.recording in mined for run in spared)
-    if count:
-        yield (
-            f"{count} held-out drives are of recordings that the space was mined of, and nothing is predicted of them: "
-            "hold out their scenarios (`resim mine --scenarios recordings`), or other drives"
-        )
 
 
 def _write_members(folder: Path, members: pd.DataFrame, traffic: str) -> dict[str, str]:

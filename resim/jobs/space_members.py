@@ -20,19 +20,22 @@ from resim.mining.slots import slot_frame
 from resim.recordings.content import tracks_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_toml
 from resim.simulation.vehicles.kinematic import Kinematic
+from resim.space.copies import equal_scenarios
 from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
 from resim.space.model import Space, bucket_names
-from resim.space.traces import from_frame
+from resim.space.traces import SlotTraces, from_frame, joined
 from resim.sweeps.result import SweepResult, read_swept
 from resim.verification.entries import MODEL, RecordingSource, VerifiedRecording
 from resim.verification.folder import read as read_verification
 from resim.verification.inputs import VerificationRequest
 from resim.verification.report import VerificationReport
+from resim.verification.tolerance import Tolerances
 
 VARIATION, TRUST = "variation.", "variation_trust"
 """Begins the names of swept parameters that vary traffic; column of a sweep's table that says whether a verification
 legitimises the variation (`resim vary`)."""
 
+VERIFICATION, SWEEP = "verification.json", "manifest.json"
 REPEATED, TRAFFIC = "../repeated", "traffic.toml"
 """Where commands write, and how traffic reacts where it is not as usual; both seen from the space's folder."""
 
@@ -50,6 +53,8 @@ class Simulated:
         perception: Hash of the model, "" without one.
         moved: What moves the EGO, and how traffic reacts.
         traffic: What a command has to be told of how traffic reacts, as a TOML file, "" where nothing.
+        judged: How drives are verified, "" of a sweep.
+        mark: Name of the file in its folder that names all others by their hashes.
     """
 
     runs: tuple[SimulatedRun, ...]
@@ -60,6 +65,8 @@ class Simulated:
     perception: str
     moved: str
     traffic: str = ""
+    judged: str = ""
+    mark: str = VERIFICATION
 
 
 @dataclass(frozen=True)
@@ -99,8 +106,8 @@ def read_simulated(folder: Path, how: SpaceReading) -> Simulated:
     Raises:
         InputError: It is neither, or of several builds.
     """
-    if (folder / "verification.json").is_file():
-        return _of_verification(folder, read_verification(folder / "verification.json"), how)
+    if (folder / VERIFICATION).is_file():
+        return _of_verification(folder, read_verification(folder / VERIFICATION), how)
     return _of_sweep(folder, read_swept(folder), how)
 
 
@@ -120,11 +127,15 @@ def _of_sweep(folder: Path, swept: SweepResult, how: SpaceReading) -> Simulated:
     keys = {name: drive.key for name, drive in drives.items()}
     words = ", ".join(f"{name} is swept" for name in changed)
     varied = [p.name for p in swept.parameters]
-    told = f"{inputs.sweep.variation} {getattr(inputs.kernels, 'hash', '')}"
+    asked = inputs.sweep.variation
+    told = "" if asked is None else (
+        f"{sorted(asked.object)} {sorted(asked.maneuver)} {asked.box} {getattr(inputs.kernels, 'hash', '')}"
+    )  # fmt: skip
     runs = [
         SimulatedRun(
             f"{folder.name}:{row['run']}", keys[row["recording"]], builds[0][1].hash or "", perception or "",
             _number(row["risk"]), _flag(row["collision"]), words, _trust(row.get(TRUST), varied),
+            any(row[name] != 0.0 for name in varied if name.startswith(VARIATION)),
             repeat=f"resim sweep repeat {how.shown(folder)} {row['run']} --out {REPEATED}",
             same=_same(
                 keys[row["recording"]], {name: row[name] for name in varied}, told, row["seed"] if perception else 0
@@ -141,6 +152,7 @@ def _of_sweep(folder: Path, swept: SweepResult, how: SpaceReading) -> Simulated:
         builds[0][1].hash or "",
         perception or "",
         moved,
+        mark=SWEEP,
     )
 
 
@@ -169,8 +181,24 @@ def _of_verification(folder: Path, found: VerificationReport, how: SpaceReading)
     own_traffic = inputs.traffic not in (None, ReactiveSettings())
     return Simulated(
         tuple(runs), tuple(drives), recordings, inputs.build.label, build, perception, moved,
-        traffic_toml(inputs.traffic) if inputs.traffic and own_traffic else "",
+        traffic_toml(inputs.traffic) if inputs.traffic and own_traffic else "", _judged(inputs),
     )  # fmt: skip
+
+
+def _judged(inputs: VerificationRequest) -> str:
+    """How drives are verified: what is verified within wider tolerances says less."""
+    asked = inputs.tolerances
+    units = {"d": "m", "v": "m/s", "heading": "rad"}
+    limits = [f"{name} {limit:g} {units[name]}" for name, limit in asked.pipeline.ego if limit is not None]
+    if asked.reaction is not None:
+        limits.append(f"reaction {asked.reaction:g} s")
+    digest = hashlib.sha256(asked.model_dump_json().encode()).hexdigest()[:8]
+    usual = "" if asked == Tolerances() else f", by tolerances that are not the usual ones ({digest})"
+    criteria = f"{Path(inputs.criteria.path).name} ({(inputs.criteria.hash or '')[:12]})"
+    return (
+        f"drives are verified by {criteria} with an agreement of {inputs.agreement:g}, where their EGO differs by at "
+        f"most {', '.join(limits) or 'anything'}{usual}"
+    )
 
 
 def _model(inputs: VerificationRequest) -> str:
@@ -268,8 +296,28 @@ def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
     names = bucket_names(pd.DataFrame([drives[key].place for key in keys]), space.settings) if keys else []
     frames = [drives[key].slots for key in keys] or [slot_frame([], [])]
     traces = from_frame(pd.concat(frames, ignore_index=True))
+    draw = draws(drives)
+    _find_copies(space, traces, scenarios, draw)
     return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios,
-                        {key: one.drive for key, one in drives.items()}, draws(drives))  # fmt: skip
+                        {key: one.drive for key, one in drives.items()}, draw)  # fmt: skip
+
+
+def _find_copies(space: Space, traces: SlotTraces, scenario: dict[str, str], draw: dict[str, str]) -> None:
+    """Enter in `scenario` and `draw`, both by key, which recordings see the same as a scenario or another recording.
+
+    They are the same drive in another file, whatever its bytes are.
+    """
+    count, names = len(space.traces), [*space.traces.names.tolist(), *traces.names.tolist()]
+    for pair in equal_scenarios(joined([space.traces, traces])):
+        one, two = sorted(pair)
+        if two < count:
+            continue
+        key = names[two]
+        if one < count:
+            scenario[key] = scenario[key] or names[one]
+        elif draw[key] != draw[names[one]]:
+            old, new = draw[key], draw[names[one]]
+            draw.update({name: new for name, told in draw.items() if told == old})
 
 
 def _scenarios(space: Space, drives: Mapping[str, SimulatedRecording]) -> dict[str, str]:
@@ -295,9 +343,14 @@ def one_build(given: Sequence[tuple[Path, Simulated]]) -> Simulated:
         The first of them.
 
     Raises:
-        InputError: They are of several builds, perception models, vehicle models or kinds of traffic.
+        InputError: They are of several builds, perception models, vehicle models or kinds of traffic, or verified by
+            different criteria or tolerances.
     """
     (_, first), *others = given
+    judged = [(folder, one.judged) for folder, one in given if one.judged]
+    if other := next((folder for folder, how in judged if how != judged[0][1]), None):
+        problem = f"its {dict(judged)[other]}; in {judged[0][0]}, {judged[0][1]}"
+        raise InputError(other, problem, "Verify all with the same criteria and tolerances.")
     for folder, one in others:
         if (one.build, one.perception, one.moved) != (first.build, first.perception, first.moved):
             what = "build" if one.build != first.build else "perception model"

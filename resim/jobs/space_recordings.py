@@ -17,6 +17,7 @@ from resim.recordings import Recording, read_recording
 from resim.recordings.content import refuse_changed, tracks_hash
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.road.opendrive import load
+from resim.space.sources import UNKNOWN_BUILD
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,8 @@ class SimulatedRecording:
         key: Hash of its GT, EGO and map: copies under other names are one drive.
         drive: Key of the drive that it was cut out of, its own if it is a whole one.
         window: When it begins and ends in that drive [s].
-        build: Hash of the build that drove it, "" for a person or where nobody says.
+        build: Hash of the build that drove it, UNKNOWN_BUILD for one without a hash, "" for a person or where nobody
+            says.
         collided: Whether its EGO collides in the measured drive; None where somebody may have been hit unseen.
         broke_off: Whether the drive ended before its time.
         slots: Table of the slots of the whole recording around its EGO, named by its key.
@@ -54,7 +56,8 @@ class SimulatedRecording:
         Returns:
             Whether it counts as an accident of that build.
         """
-        return bool(build) and self.build == build and (self.broke_off or self.collided is not False)
+        own = bool(build) and self.build in (build, UNKNOWN_BUILD)
+        return own and (self.broke_off or self.collided is not False)
 
 
 def draws(recordings: Mapping[str, SimulatedRecording]) -> dict[str, str]:
@@ -115,7 +118,7 @@ def _simulated(folder: Path, recording: Recording, key: str) -> SimulatedRecordi
     begin = float(told.get("original_start_s", 0.0)) if "mined_from_tracks" in told else 0.0
     return SimulatedRecording(
         folder, key, told.get("mined_from_tracks", key), (begin, begin + float(np.ptp(recording.gt.t))),
-        recording.build_hash or "", _measured_collision(recording),
+        recording.build_hash or (UNKNOWN_BUILD if recording.build else ""), _measured_collision(recording),
         bool(recording.provenance.get("ended")), slot_frame([key], slot_traces(found, [window])), place,
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.geometry import Floats
 from resim.space.clustering import BucketClusters, choose_threshold, cluster
+from resim.space.copies import first_copy
 from resim.space.distance import PairDistances
 from resim.space.model import COLUMNS, PLACED, BucketLinks, Space, bucket_names
 from resim.space.placing import FrozenClusters, cluster_all, place_rows
@@ -243,6 +244,7 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
         if source.hash in {one.hash for one in entries}:
             raise InputError(source.folder, "is in the space already", "Name each mined folder once.")
         _refuse_twice(source, entries)
+        _refuse_others(source, entries)
         driven = np.array([(one.hours, one.kilometres) for one in entries]).reshape(-1, 2).sum(axis=0)
         entry = _entry(source, _free(source.name, {one.name for one in entries}), batch)
         frames.append(_frame(source, entry, (occasions, driven, taken), space.settings))
@@ -251,12 +253,19 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
         entries.append(entry)
         traces.append(replace(source.traces, names=frames[-1]["scenario"].to_numpy(str)))
     rows = pd.concat(frames, ignore_index=True) if frames else space.rows
-    return replace(space, sources=tuple(entries), rows=rows, traces=joined(traces))
+    whole = replace(space, sources=tuple(entries), rows=rows, traces=joined(traces))
+    if found := first_copy(whole.traces, (rows["source"] + "/" + rows["recording"]).astype(str).tolist()):
+        one, two = (rows["scenario"].iloc[k] for k in found)
+        raise InputError(
+            sources[-1].folder, f"scenarios {one} and {two}, of two recordings, see the same traffic to the centimetre",
+            "A drive counts once, also as another file, cut anew, or around another EGO: mine it once.",
+        )  # fmt: skip
+    return whole
 
 
 def _refuse_twice(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
     """Raise InputError where a recording was mined twice: its hours and kinds would count twice."""
-    known = {tracks for one in entries for tracks in one.recordings}
+    known = {tracks for one in entries for tracks in one.recordings.values()}
     for one in source.recordings:
         if one.tracks and one.tracks in known:
             problem = f"recording {one.name} is in the space already"
@@ -264,6 +273,21 @@ def _refuse_twice(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
                 source.folder, problem, "A drive counts once: mine each recording into one folder."
             )
         known.add(one.tracks)
+
+
+def _refuse_others(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
+    """Raise InputError where a source was mined for other scenarios than the first one: in its hours nobody looked for
+    those of the first, and their rates would be too small."""
+    if not entries or (source.trigger, source.rules) == (entries[0].trigger, entries[0].rules):
+        return
+    first = entries[0]
+    what = f"around {', '.join(source.trigger)}, {first.name} around {', '.join(first.trigger)}"
+    if source.trigger == first.trigger:
+        what = f"with other thresholds than {first.name}"
+    raise InputError(
+        source.folder, f"was mined {what}: scenarios of one would seem rare in the hours of the other",
+        "Mine all of a space with the same thresholds and triggers; `trigger` in the file of thresholds names several.",
+    )  # fmt: skip
 
 
 def _free(name: str, taken: set[str]) -> str:
@@ -276,11 +300,12 @@ def _free(name: str, taken: set[str]) -> str:
 def _entry(source: MinedSource, name: str, batch: int) -> SourceEntry:
     rows = source.rows
     return SourceEntry(
-        name, str(source.folder.resolve()), source.hash, batch, source.egos,
+        name, str(source.folder.resolve()), source.hash, batch, source.egos, source.trigger, source.rules,
         sum(one.hours for one in source.recordings), sum(one.kilometres for one in source.recordings), len(rows),
         int(rows["occasion"].nunique()), len(source.left_out),
         float((rows["build"] != "").mean()) if len(rows) else math.nan,
-        tuple(one.tracks for one in source.recordings if one.tracks), source.failed, _accidents(source),
+        {one.name: one.tracks for one in source.recordings if one.tracks}, source.failed, _accidents(source),
+        _driven_by(source),
     )  # fmt: skip
 
 
@@ -290,6 +315,15 @@ def _accidents(source: MinedSource) -> dict[str, int]:
     for one in source.recordings:
         found[one.build] += one.accidents
     return {build: count for build, count in sorted(found.items()) if build and count}
+
+
+def _driven_by(source: MinedSource) -> dict[str, float]:
+    """Hours by hash of the build, "" for people, and for all vehicles of a recording together."""
+    found: dict[str, float] = {}
+    for one in source.recordings:
+        build = one.build if source.egos == "own" else ""
+        found[build] = found.get(build, 0.0) + one.hours
+    return dict(sorted(found.items()))
 
 
 def _frame(

@@ -95,6 +95,9 @@ def together(one: Space, other: Space, workers: int = 1) -> Space:
         if mine != theirs:
             problem = f"its {name} is {theirs!s}, that of the other space is {mine!s}"
             raise InputError("the second space", problem, "Build both spaces with the same settings.")
+    if (one.sources[0].trigger, one.sources[0].rules) != (other.sources[0].trigger, other.sources[0].rules):
+        problem = "its scenarios were mined with other thresholds or triggers than those of the other space"
+        raise InputError("the second space", problem, "Mine both with the same thresholds and triggers.")
     maps, others = ({str(name) or "unknown" for name in space.rows["map"]} for space in (one, other))
     if one.settings.bucket == "road" and maps.isdisjoint(others):
         problem = f"its maps ({', '.join(sorted(others))}) are none of the other space's ({', '.join(sorted(maps))})"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,8 @@ LIMIT = 0.05
 """Convergence: with 95 % confidence at most so much of what comes next is new, or enlarges a kind (our choice)."""
 TOLERANCE = 0.05
 """Distance by which a kind must grow to count as growing (our choice): 4 m in one slot."""
+LEAST_DRIVES = 4
+"""Of which what each has alone is compared."""
 POINTS = 40
 """Of a curve at most."""
 
@@ -31,6 +33,7 @@ class SeenScenarios:
         hours: (N,) h driven until they come, NaN where nobody says.
         kilometres: (N,) km likewise.
         whole: h and km driven in all.
+        drive: (N,) number of the recording of each.
     """
 
     kind: Ints
@@ -39,12 +42,13 @@ class SeenScenarios:
     hours: Floats
     kilometres: Floats
     whole: tuple[float, float]
+    drive: Ints
 
     def take(self, rows: Ints) -> SeenScenarios:
         """Give some of them."""
         return SeenScenarios(
             self.kind[rows], self.occasion[rows], self.distance[rows], self.hours[rows], self.kilometres[rows],
-            self.whole,
+            self.whole, self.drive[rows],
         )  # fmt: skip
 
 
@@ -65,6 +69,23 @@ def halves(once: SeenScenarios) -> HeldOutCheck | None:
     return held_out(once.kind, _singles_at_once(once))
 
 
+def elsewhere(once: SeenScenarios) -> HeldOutCheck | None:
+    """Check the unseen share of all against what is in each drive and in no other one.
+
+    Kinds that come several times, and in one drive alone, look as if they were known: the next drive has others. Each
+    drive is one draw of its share. once: the first of each kind and occasion. None for fewer than four drives.
+    """
+    drives, drive = np.unique(once.drive, return_inverse=True)
+    if len(drives) < LEAST_DRIVES:
+        return None
+    pairs = np.unique(np.stack([once.kind, drive]), axis=1)
+    alone = np.isin(once.kind, np.flatnonzero(np.bincount(pairs[0]) == 1))
+    shares = np.bincount(drive, alone) / np.bincount(drive)
+    predicted = unseen_share(_counts(once.kind), _singles_at_once(once))
+    found = share(float(shares.sum()), float(len(drives)))
+    return HeldOutCheck(predicted, found, predicted.overlaps(found), len(drives))
+
+
 def first_of_each(seen: SeenScenarios) -> SeenScenarios:
     """Give the first scenario of each kind and occasion; its distance is the largest of them."""
     key = np.stack([seen.kind, seen.occasion])
@@ -73,7 +94,7 @@ def first_of_each(seen: SeenScenarios) -> SeenScenarios:
     np.maximum.at(most, inverse.ravel(), seen.distance)
     order = np.argsort(first)
     taken = seen.take(first[order])
-    return SeenScenarios(taken.kind, taken.occasion, most[order], taken.hours, taken.kilometres, taken.whole)
+    return replace(taken, distance=most[order])
 
 
 def _counts(kind: Ints) -> Ints:

@@ -7,7 +7,7 @@ import pandas as pd
 
 from resim.core.provenance import versions
 from resim.space.coverage import SeenScenarios, coverage
-from resim.space.model import Space
+from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
 from resim.space.statistics.rates import IntervalEstimate, rate, spread_of
 from resim.space.traces import Ints
@@ -30,17 +30,17 @@ def report(space: Space, files: dict[str, str]) -> SpaceReport:
 def seen(space: Space, own: Ints) -> SeenScenarios:
     """Give scenarios of a space in the order in which they were driven.
 
-    Where the EGO leaves the lanes its slots are empty, and the kind is not known: each is one of its own.
+    Each whose kind is not known (`Space.unsure`) is of one of its own.
     """
     rows = space.rows.iloc[own]
     order = np.lexsort((np.arange(len(rows)), rows["hours"].to_numpy(float)))
     rows = rows.iloc[order]
     names, kind = np.unique(rows["cluster"].to_numpy(str), return_inverse=True)
-    off = space.traces.off_lane[own][order]
-    kind = np.where(off, len(names) + np.arange(len(kind)), kind)
+    kind = np.where(space.unsure[own][order], len(names) + np.arange(len(kind)), kind)
     return SeenScenarios(
         kind, rows["occasion"].to_numpy(np.intp), rows["to_medoid"].to_numpy(float),
         rows["hours"].to_numpy(float), rows["kilometres"].to_numpy(float), space.driven,
+        np.asarray(rows.groupby(["source", "recording"], sort=False).ngroup(), dtype=np.intp),
     )  # fmt: skip
 
 
@@ -88,6 +88,12 @@ def _notes(space: Space, buckets: tuple[BucketEntry, ...]) -> list[str]:
     if lone > LONE * len(clusters):
         out.append(
             f"{lone} of {len(clusters)} clusters have one member: there is not enough data for this space"
+        )
+    short = int((space.unsure & ~space.traces.off_lane).sum())
+    if short:
+        out.append(
+            f"{short} scenarios last for less than {SHORT:.0%} of the medoid of their cluster: how much was seen "
+            "counts each as a kind of its own"
         )
     off = int((space.traces.lane < 0).sum())
     if off:

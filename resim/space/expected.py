@@ -74,36 +74,40 @@ def risk_limit(
 ) -> RiskLimit:  # fmt: skip
     """Give the risk of a scenario of a cluster with limits of error probability alpha each.
 
-    Members that do not count may make the upper limit larger, never smaller: it is the largest that any of them
-    together with those that count would give. calibration: of predicted risk; it is believed where it covers all bins
-    in which the mean could lie if nothing were missing: members that do not count did, and what is not known were.
+    least: draws that count, at least. Members that do not count may make the upper limit larger, never smaller: it is
+    the largest that any of them together with those that count would give. calibration: of predicted risk; it is
+    believed where it covers all bins in which the mean could lie if nothing were missing: members that do not count
+    did, and what is not known were.
     """
-    if one is None or not one.values:
+    if one is None or not one.scenarios:
         return RiskLimit(np.nan, 0.0, 1.0, False)
-    values, confidence = np.array(one.values), 1.0 - 2.0 * alpha
-    total, count = float(values.sum()), float(len(values))
+    confidence, count = 1.0 - 2.0 * alpha, float(one.scenarios)
+    total = sum(draw.risk for draw in one.draws[: one.scenarios])
     low = float(exact(total / count, count, confidence=confidence)[0])
-    sums = total + np.concatenate([[0.0], np.cumsum(one.beside)])
-    counts = count + np.arange(len(sums))
-    high = float(exact(np.minimum(sums / counts, 1.0), counts, confidence=confidence)[1].max())
+    means, counts = _means(one, [draw.most for draw in one.draws], largest=True)
+    high = float(exact(np.minimum(means, 1.0), counts, confidence=confidence)[1].max())
     known = is_believed(one, calibration) and count >= least
     return RiskLimit(total / count, low, high if known else 1.0, known)
 
 
 def is_believed(one: ClusterRisk, calibration: ReliabilityReport | None) -> bool:
     """Say whether the risk of a cluster is calibrated, wherever it could lie if nothing were missing."""
-    if not one.values:
+    if not one.scenarios:
         return False
-    counts = len(one.values) + np.arange(len(one.beside) + 1)
-    largest = float(((sum(one.values) + np.concatenate([[0.0], np.cumsum(one.beside)])) / counts).max())
-    return believed(calibration, *(min(max(mean, 0.0), 1.0) for mean in (_least_mean(one), largest)))
+    least = _means(one, [draw.least for draw in one.draws], largest=False)[0].min()
+    most = _means(one, [draw.most for draw in one.draws], largest=True)[0].max()
+    return believed(calibration, *(min(max(float(mean), 0.0), 1.0) for mean in (least, most)))
 
 
-def _least_mean(one: ClusterRisk) -> float:
-    """The least mean of members that count and any of the others, where what may be unknown is no accident."""
-    beside = np.sort(np.where(np.array(one.beside) == 1.0, 0.0, one.beside))
-    sums = sum(one.values) - one.unknown + np.concatenate([[0.0], np.cumsum(beside)])
-    return float((sums / (len(one.values) + np.arange(len(sums)))).min())
+def _means(one: ClusterRisk, values: Sequence[float], *, largest: bool) -> tuple[Floats, Floats]:
+    """Means of the draws that count and none, one, ... of the others, and of how many they are.
+
+    values: of all draws; largest: whether the others with the largest ones come first.
+    """
+    total, beside = sum(values[: one.scenarios]), np.sort(values[one.scenarios :])
+    sums = total + np.concatenate([[0.0], np.cumsum(beside[::-1] if largest else beside)])
+    counts = one.scenarios + np.arange(len(sums), dtype=float)
+    return sums / counts, counts
 
 
 def expected_accidents(

@@ -36,8 +36,9 @@ class ReleaseLimits(Strict):
         confidence: Of the whole statement, one-sided.
         least_seen: Probability, at least, that the next scenario is of a kind that was seen.
         least_seen_source: Where that is from.
-        least_members: Members that count in a cluster, at least; scenarios of others count as accidents.
-        least_members_source: Where that is from.
+        least_scenarios: Measured scenarios in a cluster, at least, of which a member counts: variations and seeds of
+            one, and windows that overlap, are one. Scenarios of other clusters count as accidents.
+        least_scenarios_source: Where that is from.
         limit: Most accidents, by hour, by kilometre, or both.
     """
 
@@ -45,8 +46,8 @@ class ReleaseLimits(Strict):
     confidence: Annotated[float, Field(strict=True, ge=0.5, lt=1.0)] = 0.95
     least_seen: Annotated[float, Field(strict=True, gt=0.0, lt=1.0)]
     least_seen_source: Annotated[str, Field(min_length=1)]
-    least_members: Annotated[int, Field(strict=True, ge=1)] = 30
-    least_members_source: str = ""
+    least_scenarios: Annotated[int, Field(strict=True, ge=1)] = 30
+    least_scenarios_source: str = ""
     limit: Annotated[tuple[AccidentLimit, ...], Field(min_length=1)]
 
 

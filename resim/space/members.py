@@ -18,6 +18,7 @@ import pandas as pd
 from resim.core.geometry import Floats
 from resim.space.build import NEW
 from resim.space.distance import PairDistances
+from resim.space.draws import recording_draws
 from resim.space.model import Space
 from resim.space.placing import FrozenClusters, place_rows
 from resim.space.traces import Ints, SlotTraces, joined
@@ -25,6 +26,7 @@ from resim.space.traces import Ints, SlotTraces, joined
 MEMBER_COLUMNS = (
     "member",
     "origin",
+    "draw",
     "cluster",
     "drive",
     "drive_distance",
@@ -34,7 +36,8 @@ MEMBER_COLUMNS = (
     "why",
     "repeat",
 )
-"""Of members.parquet: member: of the simulated run; origin: recording; cluster: "" for none; drive: nearest verified
+"""Of members.parquet: member: of the simulated run; origin: recording; draw: what it is one draw with, such as other
+variations and seeds of its recording (`resim.space.draws`); cluster: "" for none; drive: nearest verified
 test drive, drive_distance to it, NaN for none; risk: largest accident risk, NaN where it is not known; collided:
 whether the EGO did, NULL where it is not known; counts: whether it is legitimised; why not; repeat: command."""
 INSIDE = "inside"
@@ -55,6 +58,7 @@ class SimulatedRun:
         collided: Whether the EGO collided, None where it is not known.
         changed: What of build and perception differs from what was verified, "" for nothing.
         trust: `inside`, `outside` or `unknown` of a variation, `inside` of what was not varied.
+        varied: Whether it is a variation: trust is then by ranges that were found at its recording.
         repeat: Command that repeats it.
         same: What tells it from other runs, by whatever command they were done; "" where nobody says. Runs that share
             it are one: no evidence of each other.
@@ -68,6 +72,7 @@ class SimulatedRun:
     collided: bool | None
     changed: str = ""
     trust: str = INSIDE
+    varied: bool = False
     repeat: str = ""
     same: str = ""
 
@@ -133,6 +138,7 @@ def judged_members(
 ) -> pd.DataFrame:
     """Give a row per simulated run with MEMBER_COLUMNS. within: slot distance to a verified drive, at most."""
     cluster = clusters_of(space, known)
+    draws = recording_draws(space, known.scenario, cluster, known.drive, known.draw)
     legitimate: dict[tuple[str, str, str], Legitimacy] = {}
     rows, first = [], dict[str, str]()
     for run in runs:
@@ -143,15 +149,16 @@ def judged_members(
         why = (
             _twin(run, first)
             or found.why
-            or _own_reason(run)
+            or _own_reason(run, drives)
             or ("" if cluster.get(run.recording) else "is in no cluster")
         )
         rows.append(
-            (run.name, known.scenario.get(run.recording) or run.recording, cluster.get(run.recording, ""), found.drive,
-             found.distance, run.risk, run.collided, not why, why, run.repeat)
+            (run.name, known.scenario.get(run.recording) or run.recording, draws.get(run.recording, run.recording),
+             cluster.get(run.recording, ""), found.drive, found.distance, run.risk, run.collided, not why, why,
+             run.repeat)
         )  # fmt: skip
     frame = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS))
-    texts = ("member", "origin", "cluster", "drive", "why", "repeat")
+    texts = ("member", "origin", "draw", "cluster", "drive", "why", "repeat")
     types = dict.fromkeys(texts, "string") | {"drive_distance": "float64", "risk": "float64"}
     return frame.astype({**types, "collided": "boolean", "counts": "bool"})
 
@@ -166,7 +173,10 @@ def _twin(run: SimulatedRun, first: dict[str, str]) -> str:
     return f"it is the same run as {before}"
 
 
-def _own_reason(run: SimulatedRun) -> str:
+def _own_reason(run: SimulatedRun, drives: Sequence[TestDrive]) -> str:
+    same = [one for one in drives if one.recording == run.recording]
+    if run.varied and {one.verdict for one in same} != {"verified"}:
+        return "it is a variation within ranges of its recording, which is not verified itself"
     if run.changed:
         return f"it is not what was verified: {run.changed}"
     if run.trust != INSIDE:
@@ -238,7 +248,7 @@ def _apart_at_most(space: Space, ones: SlotTraces, lasts: Ints, drives: SlotTrac
 
 def not_mined(space: Space, accidents: Iterable[str], known: DrivenTraces) -> int:
     """Count accidents of test drives, by key of the recording, of which the space holds neither drive nor scenario."""
-    left = set(accidents).difference(*(one.recordings for one in space.sources))
+    left = set(accidents).difference(*(one.recordings.values() for one in space.sources))
     return sum(not known.scenario.get(recording) for recording in left)
 
 

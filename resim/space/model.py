@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from resim.space.report import SourceEntry
 from resim.space.settings import SpaceSettings
@@ -21,6 +23,10 @@ COLUMNS = ("scenario", "source", "batch", "name", *ROWS[1:], *PLACED)
 all sources."""
 CLUSTERS = ("scenario", "source", "batch", "bucket", "cluster", "medoid", "to_medoid")
 """Of clusters.parquet."""
+
+
+SHORT = 0.5
+"""Share of its medoid's time that a scenario has to last for to be of its kind (our choice)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +61,20 @@ class Space:
     def driven(self) -> tuple[float, float]:
         """Hours and kilometres that were driven, NaN where a source does not say."""
         return sum(one.hours for one in self.sources), sum(one.kilometres for one in self.sources)
+
+    @cached_property
+    def unsure(self) -> NDArray[np.bool_]:
+        """Say of each scenario (N,) whether its kind is not known.
+
+        Its EGO leaves the lanes, so that its slots are empty as on a free road, or it lasts for less than SHORT of its
+        cluster's medoid: in its first seconds every cut-out is following.
+        """
+        scenes, medoid = self.traces.scenes, self.rows["medoid"].to_numpy(bool)
+        cluster = self.rows["cluster"].to_numpy(str)
+        whole = dict(zip(cluster[medoid].tolist(), scenes[medoid].tolist(), strict=True))
+        return self.traces.off_lane | (
+            scenes < SHORT * np.array([whole.get(name, 0) for name in cluster.tolist()])
+        )
 
     def by_bucket(self) -> Iterator[tuple[str, Ints]]:
         """Give the buckets by number, with the rows of their scenarios."""

@@ -3,34 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
 from resim.core.provenance import versions
-from resim.core.spec import EXACT, NumberOrNan
 from resim.core.spelling import counted
-from resim.space.calibration import ReliabilityReport
-from resim.space.coverage import SeenScenarios, first_of_each, halves
-from resim.space.described import seen as in_order_driven
+from resim.space.draws import scenario_draws
 from resim.space.expected import (
     AccidentTerms,
-    ExposedScenarios,
     RiskLimit,
-    expected_accidents,
-    risk_limits,
     unseen_of,
 )
 from resim.space.limits import Per, ReleaseLimits
+from resim.space.missing import hours_for_accidents, hours_for_kinds
 from resim.space.model import Space
-from resim.space.risk import ClusterRisk, CoverReport
+from resim.space.release_case import ReleaseCase, release_case
+from resim.space.release_report import (
+    AccidentBudget,
+    ForbiddingCluster,
+    ReleaseCheck,
+    ReleaseReport,
+    ReleaseVerdict,
+    RemainingDomain,
+)
+from resim.space.risk import CoverReport
 from resim.space.statistics.rates import IntervalEstimate, share, spread_of
-from resim.space.test_plan import PlannedTest, test_plan
+from resim.space.test_plan import PlannedCluster, PlannedTest, test_plan
 
-MARK = "release.json"
 SENTENCE = (
     "The AD function is tested against a set of scenarios we trust to represent the entirety of scenarios within the "
     "ODD at enough confidence, and the overall risk across these scenarios is low enough to release the function with "
@@ -38,216 +40,6 @@ SENTENCE = (
 )
 IN_NO_SCENARIO = "mine what is in no scenario or of no known kind: the limit holds without it"
 """What comes before any proposal, where there is such."""
-ReleaseVerdict = Literal["good", "bad", "not shown"]
-"""`good`: all limits are met with their confidence; `bad`: a limit is exceeded with it; else `not shown`."""
-
-
-@dataclass(frozen=True)
-class ReleaseCheck:
-    """One thing that a release asks for.
-
-    Attributes:
-        name: What.
-        value: What was found; NaN where nothing is known.
-        low: Lower limit of it.
-        high: Upper limit of it, NaN where there is none; for a share that must be large, the lower one decides.
-        limit: What is asked for.
-        met: Whether it is, with the confidence.
-        exceeded: Whether the contrary is shown.
-        source: Where the limit is from.
-    """
-
-    name: str
-    value: NumberOrNan
-    low: NumberOrNan
-    high: NumberOrNan
-    limit: float
-    met: bool
-    exceeded: bool
-    source: str
-
-
-@dataclass(frozen=True)
-class AccidentBudget:
-    """Accidents by hour or kilometre, by what they are of.
-
-    Attributes:
-        per: Hour or kilometre.
-        known: Of clusters whose risk is known: estimate and limits.
-        thin: Upper limit of those with too few members that count, or uncalibrated risk: each scenario an accident.
-        unseen: Upper limit of kinds not seen: each scenario an accident.
-        high: Upper limit of all; NaN where something happened in no scenario.
-        limit: What is asked for; NaN where nothing is.
-    """
-
-    per: Per
-    known: IntervalEstimate
-    thin: NumberOrNan
-    unseen: NumberOrNan
-    high: NumberOrNan
-    limit: NumberOrNan
-
-
-@dataclass(frozen=True)
-class ForbiddingCluster:
-    """A cluster that forbids the release.
-
-    Attributes:
-        cluster: Its name.
-        bucket: Of it.
-        medoid: Its test case.
-        share: Its share of what comes.
-        risk: Upper limit of the risk of a scenario of it.
-        accidents: Its part of the accidents by hour, at that limit.
-        why: `risk` where it is known and too high, else what is missing.
-    """
-
-    cluster: str
-    bucket: str
-    medoid: str
-    share: float
-    risk: float
-    accidents: NumberOrNan
-    why: str
-
-
-@dataclass(frozen=True)
-class RemainingDomain:
-    """The ODD without the clusters that forbid the release.
-
-    Attributes:
-        clusters: Clusters that are left.
-        share: Their share of what was driven through, with its interval.
-        enough: Whether all limits are met without the others, and none happened in no scenario.
-        high: Upper limit of accidents an hour in it; NaN where something happened in no scenario.
-    """
-
-    clusters: int
-    share: IntervalEstimate
-    enough: bool
-    high: NumberOrNan
-
-
-@dataclass(frozen=True)
-class ReleaseReport:
-    """A decision about a release, as release.json says it."""
-
-    __pydantic_config__ = EXACT
-
-    versions: Mapping[str, str]
-    files: Mapping[str, str]
-    space: str
-    cover: str
-    limits_hash: str
-    limits: ReleaseLimits
-    label: str
-    build: str
-    perception: str
-    verdict: ReleaseVerdict
-    statement: str
-    checks: tuple[ReleaseCheck, ...]
-    budgets: tuple[AccidentBudget, ...]
-    forbidding: tuple[ForbiddingCluster, ...]
-    remaining: RemainingDomain
-    plan: tuple[PlannedTest, ...]
-    notes: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class ReleaseCase:
-    """All that a decision follows from.
-
-    Attributes:
-        names: Of the C clusters.
-        exposed: Scenarios that were measured.
-        seen: The same, where those whose kind is not known are each of one of its own: without slots, and where the EGO
-            leaves the lanes.
-        risks: Of the clusters, by name.
-        calibration: Of predicted risk, None without one.
-        unknown: What happened on drives and is in no scenario: sentences, none where there is nothing.
-        driven: h and km.
-        limits: What is asked for.
-    """
-
-    names: tuple[str, ...]
-    exposed: ExposedScenarios
-    seen: ExposedScenarios
-    risks: Mapping[str, ClusterRisk]
-    calibration: ReliabilityReport | None
-    unknown: tuple[str, ...]
-    driven: Mapping[Per, float]
-    limits: ReleaseLimits
-
-    @property
-    def believed(self) -> bool:
-        """Whether predicted risk is calibrated."""
-        return self.calibration is not None and self.calibration.verdict == "calibrated"
-
-    @cached_property
-    def risk(self) -> list[RiskLimit]:
-        """The risk of a scenario of each cluster (C,)."""
-        told = self.limits
-        return risk_limits(self.names, self.risks, told.confidence, told.least_members, self.calibration)
-
-    def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
-        """Give expected accidents, without clusters that are left out of the ODD."""
-        return expected_accidents(
-            self.exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, self.seen
-        )
-
-
-def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits) -> ReleaseCase:
-    """Give what a decision about a release follows from."""
-    names, kind = np.unique(space.rows["cluster"].to_numpy(str), return_inverse=True)
-    exposed = ExposedScenarios(kind, space.rows["occasion"].to_numpy(np.intp), len(names))
-    told = in_order_driven(space, np.arange(len(space.rows)))
-    seen = _seen(told, sum(one.left_out for one in space.sources))
-    risks = {} if cover is None else {one.cluster: one for one in cover.clusters}
-    calibration = None if cover is None else cover.calibration
-    hours, kilometres = space.driven
-    return ReleaseCase(
-        tuple(names.tolist()), exposed, seen, risks, calibration, tuple(_unknown(space, told, cover)),
-        {"hour": hours, "kilometre": kilometres}, limits,
-    )  # fmt: skip
-
-
-def _seen(told: SeenScenarios, left_out: int) -> ExposedScenarios:
-    """Scenarios in the order in which they were driven, and so many more, each of a kind and occasion of its own."""
-    more, clusters = np.arange(left_out), 1 + int(told.kind.max(initial=-1))
-    occasion = np.concatenate([told.occasion, 1 + told.occasion.max(initial=-1) + more])
-    return ExposedScenarios(np.concatenate([told.kind, clusters + more]), occasion, clusters + left_out)
-
-
-def _more_new(told: SeenScenarios) -> Iterator[str]:
-    """Where the later half of what was driven has more new kinds than the first one tells."""
-    check = halves(first_of_each(told))
-    if check is not None and check.found.low > check.predicted.high:
-        yield (
-            f"of the later half of scenarios at least {100.0 * check.found.low:.3g} % are of new kinds, where the "
-            f"first half tells of at most {100.0 * check.predicted.high:.3g} %: what comes is not as what was seen"
-        )
-
-
-def _unknown(space: Space, told: SeenScenarios, cover: CoverReport | None) -> Iterator[str]:
-    """What happened on drives of the space, and is in no scenario."""
-    build = "" if cover is None else cover.build
-    if accidents := sum(one.accidents.get(build, 0) for one in space.sources):
-        yield (
-            f"{accidents} collisions or ends of this build's test drives are in no scenario: mine them so that these "
-            "are cut out"
-        )
-    if cover is not None and cover.accidents:
-        yield (
-            f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
-            "and build it of them as well"
-        )
-    yield from _more_new(told)
-    if left_out := sum(one.left_out for one in space.sources):
-        yield f"{left_out} scenarios have no slots: of which kinds they are is not known"
-    if off := int((space.traces.lane < 0).sum()):
-        yield f"in {off} scenes the EGO is on no lane: who was around it is not known"
-    if failed := [name for one in space.sources for name in one.failed]:
-        yield f"{len(failed)} recordings could not be mined ({failed[0]}): what happened in them is not known"
 
 
 def decide(
@@ -264,14 +56,22 @@ def decide(
         "" if cover is None else cover.label, "" if cover is None else cover.build,
         "" if cover is None else cover.perception, verdict, _statement(case, verdict, checks), checks,
         tuple(_budget(per, found, case) for per, found in terms.items()), forbidding, remaining, _plan(space, case),
-        (_how(space, cover), *_notes(case, cover)),
+        (_how(space, cover), *_notes(space, case, cover)),
     )  # fmt: skip
 
 
 def _plan(space: Space, case: ReleaseCase) -> tuple[PlannedTest, ...]:
     """What to do next; where something happened in no scenario, it comes first."""
     asked = case.driven["hour"], case.limits
-    plan = test_plan(case.names, case.exposed, case.risk, asked, _medoids(space), case.seen)
+    every = pd.Series(scenario_draws(space.rows)).groupby(space.rows["cluster"].to_numpy(str)).nunique()
+    medoids = _medoids(space)
+    clusters = [
+        PlannedCluster(
+            name, medoids[name], int(every[name]), case.risks[name].scenarios if name in case.risks else 0
+        )
+        for name in case.names
+    ]
+    plan = test_plan(clusters, case.exposed, case.risk, asked, case.seen)
     if not case.unknown:
         return plan
     return tuple(replace(one, first="; ".join(filter(None, (IN_NO_SCENARIO, one.first)))) for one in plan)
@@ -284,6 +84,7 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
     seen = ReleaseCheck(
         "the next scenario is of a kind that was seen", 1.0 - unseen.value, 1.0 - unseen.high, 1.0 - unseen.low,
         limits.least_seen, bool(1.0 - unseen.high >= limits.least_seen), bool(1.0 - unseen.low < limits.least_seen),
+        hours_for_kinds(case.seen, 1.0 - limits.least_seen, limits.confidence, case.driven["hour"]),
         limits.least_seen_source,
     )  # fmt: skip
     out = [seen]
@@ -293,7 +94,11 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
         out.append(
             ReleaseCheck(
                 f"accidents by {one.per}", found.value, found.low, _finite(high), one.accidents,
-                bool(high <= one.accidents), bool(found.low > one.accidents), one.source,
+                bool(high <= one.accidents), bool(found.low > one.accidents),
+                hours_for_accidents(
+                    case.seen, one.accidents, (1.0 - limits.confidence) / 3.0, case.driven[one.per], case.driven["hour"]
+                ),
+                one.source,
             )
         )  # fmt: skip
     return tuple(out)
@@ -372,14 +177,12 @@ def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:
     one = case.risks.get(case.names[k])
     if risk.known:
         return "risk"
-    if one is None or not one.values:
+    if one is None or not one.scenarios:
         reasons = "" if one is None or not one.why else f": {next(iter(one.why))}"
         return f"no member counts{reasons}"
-    if len(one.values) < case.limits.least_members:
-        few = counted(len(one.values), "member")
-        return (
-            f"{few} that count{'s' * (len(one.values) == 1)}, at least {case.limits.least_members} are needed"
-        )
+    if one.scenarios < case.limits.least_scenarios:
+        some = counted(one.scenarios, "scenario")
+        return f"members of {some} count, at least {case.limits.least_scenarios} are needed"
     return "its risk is not calibrated: there are not enough held-out drives with such a risk"
 
 
@@ -399,14 +202,26 @@ def _statement(case: ReleaseCase, verdict: ReleaseVerdict, checks: Sequence[Rele
     numbers = ", ".join(f"at most {one.high:.3g} {one.name} (limit {one.limit:.3g})" for one in accidents)
     return (
         f"{SENTENCE} With {100.0 * case.limits.confidence:g} % confidence: {len(case.names)} kinds of scenarios, of "
-        f"which the next one is with at least {100.0 * seen.low:.3g} %; {numbers}."
+        f"which the next one is with at least {100.0 * seen.low:.3g} %; {numbers}. {_resolution(case)}"
+    )
+
+
+def _resolution(case: ReleaseCase) -> str:
+    """What held-out drives do not tell: that they do not contradict predictions makes these no more exact."""
+    bins = () if case.calibration is None else case.calibration.bins
+    largest = max((one.collided.high for one in bins), default=1.0)
+    return (
+        f"Predicted risk is not contradicted by {sum(one.drives for one in bins)} held-out drives, which would show "
+        f"one that is larger only above {largest:.2g} a scenario."
     )
 
 
 def _found(one: ReleaseCheck) -> str:
+    """What was found where it is not enough, and how many hours are missing at least."""
+    missing = f" ({one.missing_hours:.3g} h more are needed at least)" if one.missing_hours > 0.0 else ""
     if one.name.startswith("accidents"):
-        return f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known"
-    return f"at least {one.low:.3g}"
+        return (f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known") + missing
+    return f"at least {one.low:.3g}{missing}"
 
 
 def _how(space: Space, cover: CoverReport | None) -> str:
@@ -416,7 +231,7 @@ def _how(space: Space, cover: CoverReport | None) -> str:
     return f"kinds are by {how.bucket}, {how.linkage} linkage and the threshold {how.threshold}{counts}"
 
 
-def _notes(case: ReleaseCase, cover: CoverReport | None) -> list[str]:
+def _notes(space: Space, case: ReleaseCase, cover: CoverReport | None) -> list[str]:
     out = [] if cover is None else list(cover.notes)
     if cover is None:
         out.append(
@@ -426,6 +241,12 @@ def _notes(case: ReleaseCase, cover: CoverReport | None) -> list[str]:
         out.append("there are no held-out drives: predicted risk is not calibrated, and is not believed")
     elif cover.calibration.verdict != "calibrated":
         out.append(f"predicted risk is not calibrated: {cover.calibration.verdict}")
+    else:
+        out.append(_resolution(case))
+    if cover is not None and not any(one.driven_by.get(cover.build) for one in space.sources):
+        out.append(
+            "rates are of others' drives: that this build meets the same scenarios as often is not shown"
+        )
     if any(not value > 0.0 for value in case.driven.values()):
         out.append("nobody says how long was driven: there are no rates")
     return out

@@ -23,15 +23,18 @@ class SourceEntry:
         hash: Of its tables.
         batch: 0 for those that the space was built from, then 1, 2, ... with each `resim space grow`.
         egos: `every` vehicle once, or each recording's `own` EGO.
+        trigger: What its scenarios were cut out for.
+        rules: Hash of the thresholds that it was mined with, "" for those that ship.
         hours: h that EGOs drove on lanes; NaN where nobody says.
         kilometres: km likewise.
         scenarios: How many are in the space.
         occasions: How many there are if those that see the same maneuvers are one.
         left_out: Scenarios without slots.
         build_share: Share of its scenarios whose EGO a build drove.
-        recordings: Hashes of GT, EGO and map of its recordings: copies under other names are one.
+        recordings: Hash of GT, EGO and map of each of its recordings, by name: copies under other names are one.
         failed: Recordings that could not be mined: what happened in them is not known.
         accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
+        driven_by: By hash of the build, h that its test drives lasted; "" for all others.
     """
 
     name: str
@@ -39,15 +42,18 @@ class SourceEntry:
     hash: str
     batch: int
     egos: str
+    trigger: tuple[str, ...]
+    rules: str
     hours: NumberOrNan
     kilometres: NumberOrNan
     scenarios: int
     occasions: int
     left_out: int
     build_share: NumberOrNan
-    recordings: tuple[str, ...]
+    recordings: Mapping[str, str]
     failed: tuple[str, ...]
     accidents: Mapping[str, int]
+    driven_by: Mapping[str, NumberOrNan]
 
 
 @dataclass(frozen=True)

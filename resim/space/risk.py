@@ -11,8 +11,10 @@ import pandas as pd
 from resim.core.geometry import Floats
 from resim.core.spec import EXACT, NumberOrNan
 from resim.space.calibration import ReliabilityReport, reliability
+from resim.space.draws import scenario_draws
 from resim.space.members import INSIDE, SimulatedRun, TestDrive
 from resim.space.model import Space
+from resim.space.sources import UNKNOWN_BUILD
 from resim.space.statistics.rates import IntervalEstimate, share
 
 WORST = 5
@@ -31,21 +33,39 @@ class WorstMember:
 
 
 @dataclass(frozen=True)
+class DrawRisk:
+    """Risk of one draw of what traffic does, of which a cluster may have several members (`resim.space.draws`).
+
+    Attributes:
+        risk: Mean of its simulated members that count, where what is not known is an accident; 1 where it collided on
+            the road; NaN where nothing of it counts.
+        least: Least risk, whatever of the members that do not count did, if nothing unknown were an accident.
+        most: Largest risk likewise, if all of it were.
+    """
+
+    risk: NumberOrNan
+    least: float
+    most: float
+
+
+@dataclass(frozen=True)
 class ClusterRisk:
     """The risk of a cluster.
 
+    Drives of a build without a hash, and those whose kind is not known, may make it worse, never better.
+
     Attributes:
         cluster: Its name.
-        measured: Members that this build drove on the road, on lanes throughout.
+        measured: Members that this build drove on the road, whose kind is known.
         measured_collided: How many of them collided, or may have.
         counted: Simulated members that count.
         not_counted: Simulated members that do not.
         unknown: Of both, how many have no known risk or end: they count as accidents.
         collided: Of those that count, how many collided.
-        risk: Expected accidents a scenario, of measured and counted members; NaN of none.
-        values: Risk of each of them, the largest first, 1 where it is not known: `resim.space.release` needs them.
-        beside: Risk of those that do not count, and of drives that left the lanes, the largest first: they may make it
-            worse, never better.
+        risk: Expected accidents a scenario: mean over draws of which a measured or simulated member counts; NaN of
+            none. The interval is that of as many scenarios as there are draws.
+        draws: Risk of each draw, the largest first, then those of which nothing counts: these may make it worse, never
+            better.
         worst: The worst members of all.
         why: Reasons for which members do not count, with how many.
     """
@@ -58,10 +78,27 @@ class ClusterRisk:
     unknown: int
     collided: int
     risk: IntervalEstimate
-    values: tuple[float, ...]
-    beside: tuple[float, ...]
+    draws: tuple[DrawRisk, ...]
     worst: tuple[WorstMember, ...]
     why: Mapping[str, int]
+
+    @property
+    def scenarios(self) -> int:
+        """Of how many draws a member counts."""
+        return sum(not np.isnan(one.risk) for one in self.draws)
+
+
+@dataclass(frozen=True)
+class GivenFolder:
+    """A folder of simulated drives that was given.
+
+    Attributes:
+        runs: How many there are.
+        hash: SHA-256 of verification.json, or of a sweep's manifest.json, which name all that they hold by its hash.
+    """
+
+    runs: int
+    hash: str
 
 
 @dataclass(frozen=True)
@@ -76,8 +113,8 @@ class CoverReport:
         label: Its name and version.
         perception: Hash of the perception model, "" without one.
         within: Slot distance to a verified test drive up to which members count.
-        given: Runs of each folder that was given: of simulated drives in any other one nothing is known.
-        held_out: Runs of each folder that was held out.
+        given: Each folder that was given, by its path: of simulated drives in any other one nothing is known.
+        held_out: Each folder that was held out.
         drives: How many test drives are verified.
         accidents: How many of this build's test drives collide or break off and are not in the space.
         clusters: Risk of each cluster.
@@ -94,8 +131,8 @@ class CoverReport:
     label: str
     perception: str
     within: float
-    given: Mapping[str, int]
-    held_out: Mapping[str, int]
+    given: Mapping[str, GivenFolder]
+    held_out: Mapping[str, GivenFolder]
     drives: int
     accidents: int
     clusters: tuple[ClusterRisk, ...]
@@ -105,8 +142,10 @@ class CoverReport:
 
 def cluster_risks(space: Space, members: pd.DataFrame, build: str) -> tuple[ClusterRisk, ...]:
     """Give the risk of every cluster. members: as of members.parquet; build: its hash."""
-    rows = space.rows
-    own = rows.assign(off_lane=space.traces.off_lane)[(rows["build"] == build) & (build != "")]
+    of_unknown = (space.rows["build"] == UNKNOWN_BUILD).to_numpy(bool)
+    doubtful = space.unsure | of_unknown
+    rows = space.rows.assign(doubtful=doubtful, draw=scenario_draws(space.rows))
+    own = rows[((rows["build"] == build) | of_unknown) & (build != "")]
     driven = dict(tuple(own.groupby("cluster")))
     simulated = dict(tuple(members.groupby("cluster")))
     names = rows["cluster"].astype(str).unique().tolist()
@@ -137,23 +176,55 @@ def member_risks(members: pd.DataFrame) -> Floats:
 
 def _cluster_risk(name: str, driven: pd.DataFrame, members: pd.DataFrame) -> ClusterRisk:
     counts = members["counts"].to_numpy(bool)
-    values = member_risks(members)
-    off_lane = driven["off_lane"].to_numpy(bool)
-    driven, doubtful = driven[~off_lane], driven["collided"][off_lane].fillna(True).to_numpy(float)
-    hit = driven["collided"].fillna(True).to_numpy(float)
-    unclear = int(driven["collided"].isna().sum())
-    beside = np.concatenate([values[~counts], doubtful])
-    counted = np.sort(np.concatenate([values[counts], hit]))[::-1]
+    sure = driven[~driven["doubtful"].to_numpy(bool)]
+    hit = sure["collided"].fillna(True).to_numpy(bool)
     of_known = members["risk"].notna() & members["collided"].notna()
-    known = members[counts]
     reasons = members["why"][~counts].astype(str).value_counts()
+    draws = _draws(driven, members)
+    known = [one.risk for one in draws if not np.isnan(one.risk)]
     return ClusterRisk(
-        name, len(driven), int(hit.sum()), int(counts.sum()), int((~counts).sum()),
-        int((~of_known)[counts].sum()) + unclear, int(known["collided"].fillna(False).sum()),
-        share(float(counted.sum()), float(len(counted))), tuple(counted.tolist()),
-        tuple(np.sort(beside)[::-1].tolist()), _worst(members),
-        {str(why): int(count) for why, count in sorted(reasons.items())},
+        name, len(sure), int(hit.sum()), int(counts.sum()), int((~counts).sum()),
+        int((~of_known)[counts].sum()) + int(sure["collided"].isna().sum()),
+        int(members[counts]["collided"].fillna(False).sum()), share(float(sum(known)), float(len(known))), draws,
+        _worst(members), {str(why): int(count) for why, count in sorted(reasons.items())},
     )  # fmt: skip
+
+
+def _draws(driven: pd.DataFrame, members: pd.DataFrame) -> tuple[DrawRisk, ...]:
+    """The risk of each draw of a cluster."""
+    unknown = (members["risk"].isna() | members["collided"].isna()).to_numpy(bool)
+    values, ended = member_risks(members), driven["collided"]
+    n = len(members)
+    names = np.concatenate([members["draw"].to_numpy(str), driven["draw"].to_numpy(str)])
+    counts = np.concatenate([members["counts"].to_numpy(bool), ~driven["doubtful"].to_numpy(bool)])
+    most = np.concatenate([values, ended.fillna(True).to_numpy(float)])
+    least = np.concatenate([np.where(unknown, 0.0, values), ended.fillna(False).to_numpy(float)])
+    of = np.unique(names, return_inverse=True)[1]
+    order = np.argsort(of, kind="stable")
+    found = [
+        _draw(counts[rows], rows >= n, most[rows], least[rows])
+        for rows in np.split(order, np.flatnonzero(np.diff(of[order])) + 1) if len(rows)
+    ]  # fmt: skip
+    return tuple(sorted(found, key=lambda one: (np.isnan(one.risk), -np.nan_to_num(one.risk), -one.most)))
+
+
+def _draw(counts: np.ndarray, road: np.ndarray, most: Floats, least: Floats) -> DrawRisk:
+    """The risk of members (K,) of one draw: of simulated ones the mean, but 1 where it collided on the road."""
+    if not counts.any():
+        return DrawRisk(np.nan, float(least.min()), float(most.max()))
+    known, beside, driven = counts & ~road, ~counts, counts & road
+    high, low = (float(part[driven].max(initial=0.0)) for part in (most, least))
+    if not known.any():
+        return DrawRisk(high, low, float(most[beside].max(initial=high)))
+    told, largest = float(most[known].mean()), _means(most[known], -np.sort(-most[beside])).max()
+    smallest = _means(least[known], np.sort(least[beside])).min()
+    return DrawRisk(max(told, high), max(float(smallest), low), max(float(largest), high))
+
+
+def _means(known: Floats, others: Floats) -> Floats:
+    """Means of what is known and none, one, ... of others."""
+    sums = known.sum() + np.concatenate([[0.0], np.cumsum(others)])
+    return np.asarray(sums / (len(known) + np.arange(len(sums), dtype=float)))
 
 
 def _worst(members: pd.DataFrame) -> tuple[WorstMember, ...]:

@@ -22,6 +22,8 @@ from resim.recordings.tables import read_parquet
 from resim.space.traces import REMEDY, Ints, SlotTraces, read_traces
 
 MARK = "mined.json"
+UNKNOWN_BUILD = "a build without a hash"
+"""In place of the hash of a build that a recording names and does not pin: it may be any."""
 TABLES = ("scenarios", "maneuvers", "slots")
 COLLISION = "collision"
 
@@ -36,7 +38,8 @@ class DrivenRecording:
         kilometres: km likewise.
         map: Name and beginning of the hash of its map, "" where nobody says.
         ego: Id of the recording's own EGO.
-        build: Hash of the build that drove it, "" for a person or where nobody says.
+        build: Hash of the build that drove it, UNKNOWN_BUILD for one without a hash, "" for a person or where nobody
+            says.
         tracks: Hash of its GT, EGO and map, which copies under other names share.
         accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario; 1
             where nobody says that it did not collide.
@@ -61,6 +64,8 @@ class MinedSource:
         folder: Where it is.
         hash: Of its tables and its report.
         egos: `every` vehicle, or each recording's `own` EGO.
+        trigger: What its scenarios were cut out for.
+        rules: Hash of the thresholds that it was mined with, "" for those that ship.
         recordings: What was driven, in the order of the report.
         rows: A row per scenario that can be compared (`ROWS`).
         traces: Their slots, in the same order.
@@ -77,14 +82,16 @@ class MinedSource:
     traces: SlotTraces
     left_out: tuple[str, ...]
     failed: tuple[str, ...] = ()
+    trigger: tuple[str, ...] = ()
+    rules: str = ""
 
 
 ROWS = (
     "scenario", "recording", "ego", "start", "end", "map", "road", "along_s", "lanes", "vehicles", "tag", "folder",
     "build", "collided", "occasion", "hours", "kilometres",
 )  # fmt: skip
-"""Columns of `MinedSource.rows`: build: hash of what drove the EGO, "" for a person; collided: whether the EGO did in
-it, or its drive broke off, NULL where nobody says;
+"""Columns of `MinedSource.rows`: build: hash of what drove the EGO, UNKNOWN_BUILD where it
+has none, "" for a person; collided: whether the EGO did in it, or its drive broke off, NULL where nobody says;
 occasion: scenarios of one number see the same maneuvers, from one vehicle or another; hours, kilometres: driven in the
 source until the scenario ends, NaN where nobody says."""
 
@@ -108,6 +115,7 @@ def read_mined(folder: Path) -> MinedSource:
         }
         failed = tuple(str(one["recording"]) for one in told["failures"])
         trigger = [str(label) for label in told["trigger"]]
+        rules = str(told["rules"])
     except (KeyError, TypeError, AttributeError) as e:
         raise InputError(folder / MARK, f"is not what `resim mine` writes ({e!r})", REMEDY) from e
     at = traces.rows_of(frame["scenario"].tolist())
@@ -131,6 +139,8 @@ def read_mined(folder: Path) -> MinedSource:
         traces.take(at[usable]),
         left_out,
         failed,
+        tuple(trigger),
+        rules,
     )
 
 
@@ -143,7 +153,7 @@ def _driven(part: Mapping[str, Any], egos: str) -> DrivenRecording:
     return DrivenRecording(
         str(part["recording"]), math.nan if hours is None else float(hours),
         math.nan if way is None else float(way), part.get("map") or "", part.get("ego") or "",
-        part.get("build_hash") or "", str(part["tracks"]),
+        part.get("build_hash") or (UNKNOWN_BUILD if part.get("build") else ""), str(part["tracks"]),
     )  # fmt: skip
 
 

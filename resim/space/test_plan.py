@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from resim.space.expected import ExposedScenarios, RiskLimit, expected_accidents
 from resim.space.limits import ReleaseLimits
 from resim.space.traces import Ints
 
-RUNS = 1000
-"""Simulated members that one proposal adds to a cluster."""
 MOST = 20
 """Proposals that are told."""
 
@@ -24,10 +22,10 @@ class PlannedTest:
     """A proposal.
 
     Attributes:
-        what: `drive` more hours on the road, or `simulate` more variations of a cluster.
+        what: `drive` more hours on the road, or `simulate` scenarios of a cluster of which no member counts yet.
         cluster: Of which; "" for drives.
         medoid: Its test case.
-        amount: Hours, or members that count.
+        amount: Hours, or scenarios: all that the cluster has.
         before: Upper limit of accidents an hour now, apart from what happened in no scenario.
         after: The same if all goes as so far: no new kind seen once beyond what is expected, the same mean risk.
         first: What has to come before it, "" for nothing.
@@ -42,11 +40,20 @@ class PlannedTest:
     first: str
 
 
+class PlannedCluster(NamedTuple):
+    """A cluster with its test case: how many draws of scenarios it has, and of how many a member counts."""
+
+    name: str
+    medoid: str
+    scenarios: int
+    counting: int
+
+
 def test_plan(
-    names: Sequence[str], exposed: ExposedScenarios, risks: Sequence[RiskLimit],
-    asked: tuple[float, ReleaseLimits], medoids: Mapping[str, str], whole: ExposedScenarios,
+    clusters: Sequence[PlannedCluster], exposed: ExposedScenarios, risks: Sequence[RiskLimit],
+    asked: tuple[float, ReleaseLimits], whole: ExposedScenarios,
 ) -> tuple[PlannedTest, ...]:  # fmt: skip
-    """Give proposals, the best first.
+    """Give proposals, the best first. clusters, risks: (C,).
 
     asked: hours driven, and the limits; whole: all that was seen, those of no known kind each of one of its own.
     """
@@ -55,13 +62,19 @@ def test_plan(
         return ()
     before = expected_accidents(exposed, risks, hours, limits.confidence, whole).high
     out = [PlannedTest("drive", "", "", hours, before, _doubled(exposed, risks, asked, whole), "")]
-    alpha = (1.0 - limits.confidence) / 3.0 / len(names)
-    for k, name in enumerate(names):
-        better = _more_members(risks[k], alpha)
+    alpha = (1.0 - limits.confidence) / 3.0 / len(clusters)
+    for k, one in enumerate(clusters):
+        if one.scenarios <= one.counting:
+            continue
+        better = _all_simulated(risks[k], alpha, one.scenarios, limits.least_scenarios)
         changed = [*risks[:k], better, *risks[k + 1 :]]
         after = expected_accidents(exposed, changed, hours, limits.confidence, whole).high
         first = "" if risks[k].known else "verify a test drive near its test case, and calibrate risk"
-        out.append(PlannedTest("simulate", name, medoids[name], float(RUNS), before, after, first))
+        out.append(
+            PlannedTest(
+                "simulate", one.name, one.medoid, float(one.scenarios - one.counting), before, after, first
+            )
+        )
     ranked = sorted(out, key=lambda one: (one.after, one.what, one.cluster))
     return tuple(one for one in ranked if one.after < before)[:MOST]
 
@@ -69,10 +82,12 @@ def test_plan(
 test_plan.__test__ = False  # type: ignore[attr-defined]
 
 
-def _more_members(risk: RiskLimit, alpha: float) -> RiskLimit:
-    """The risk of a cluster with RUNS more members, of the mean that it has; of none without an accident."""
+def _all_simulated(risk: RiskLimit, alpha: float, every: int, least: int) -> RiskLimit:
+    """The risk of a cluster with members of every scenario, of the mean that it has; of none without an accident."""
+    if every < least:
+        return risk
     mean = 0.0 if np.isnan(risk.mean) else risk.mean
-    high = float(exact(mean, RUNS, confidence=1.0 - 2.0 * alpha)[1])
+    high = float(exact(mean, every, confidence=1.0 - 2.0 * alpha)[1])
     return RiskLimit(mean, risk.low, min(risk.high, high), True)
 
 

@@ -153,6 +153,7 @@ def test_several_at_once_answer_as_each_alone() -> None:
 
 
 @there
+@pytest.mark.slow
 def test_it_drives_the_corner_case_the_same_twice(tmp_path: Path) -> None:
     found = []
     for name in ("one", "two"):

@@ -9,6 +9,7 @@ from pages import DOCS, ROOT
 
 
 @pytest.mark.filterwarnings("ignore")  # of the kernel's own libraries
+@pytest.mark.slow
 def test_the_notebook_runs(tmp_path_factory: pytest.TempPathFactory) -> None:
     notebook = nbformat.read(DOCS / "notebook.ipynb", as_version=4)
     NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(ROOT)}}).execute()

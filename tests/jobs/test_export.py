@@ -174,6 +174,7 @@ def test_characters_that_xml_cannot_hold_are_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not (DATA / "ngsim").is_dir(), reason="needs ../shared/data")
+@pytest.mark.slow
 def test_real_traffic_is_where_it_was_measured(tmp_path: Path) -> None:
     """Against the file of the data set, read by the test: 54 vehicles at 30 m of a motorway."""
     source = DATA / "ngsim" / "USA_US101-22_1_T-1.xml"

@@ -95,6 +95,7 @@ def test_between_two_lists_the_last_one_stands() -> None:
 
 
 @pytest.mark.parametrize("period", [0.1, 0.25])
+@pytest.mark.slow
 def test_lists_come_after_their_period_with_jitter(period: float) -> None:
     sensor = Sensor(model(update={"period": period, "jitter": 0.03}))
     seen = look(sensor, lambda t: (30.0, 0.0, t), steps(100.0, 0.004), standing)
@@ -131,6 +132,7 @@ def test_localisation() -> None:
     assert np.ptp(column(seen, "x_ego")) == 0.0  # objects are where they are from the true EGO
 
 
+@pytest.mark.slow
 def test_localisation_with_uneven_steps() -> None:
     times = np.tile([0.02, 0.02, 0.1], 6000).cumsum().tolist()
     own = {"drift": 0.2, "correlation_time": 0.5}

@@ -131,6 +131,7 @@ def test_everything_at_once_is_within_its_intervals() -> None:
     assert model.update.jitter == pytest.approx(0.004, rel=0.05)
 
 
+@pytest.mark.slow
 def test_what_is_not_there_stays_none() -> None:
     model = trained("latency")
     for quantity in QUANTITIES:

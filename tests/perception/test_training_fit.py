@@ -206,6 +206,7 @@ def shares(model: PerceptionModel, beyond: Beyond) -> np.ndarray:
     return found[:2] / found[2]
 
 
+@pytest.mark.slow
 def test_objects_that_are_found_late_are_found_late_by_the_model() -> None:
     beyond = Beyond(found=0.02)
     model = train(drives(PROPER, 3, 20, rate=10.0, beyond=beyond, objects=8), name="late")

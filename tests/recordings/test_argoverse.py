@@ -257,6 +257,7 @@ def test_a_pose_that_is_no_rotation_is_told_with_its_file(tmp_path: Path) -> Non
 
 
 @needs_pyarrow
+@pytest.mark.slow
 def test_boxes_of_a_tracker_may_come_in_any_order(tmp_path: Path) -> None:
     folder, _, boxes = log(tmp_path / "7fab")
     found = [
@@ -269,6 +270,7 @@ def test_boxes_of_a_tracker_may_come_in_any_order(tmp_path: Path) -> None:
 
 
 @needs_pyarrow
+@pytest.mark.slow
 def test_a_wrong_tracker_is_told(tmp_path: Path) -> None:
     folder, _, boxes = log(tmp_path / "7fab", steps=4)
     tracker = tmp_path / "tracker.feather"

@@ -34,6 +34,7 @@ def passed(converted):
             yield each.get("tl"), before, origin.get(each.get("via"), [])
 
 
+@pytest.mark.slow
 def test_the_lights_of_town04_rule_the_lanes_that_the_file_names(real_net):
     """Counted here on the file: each lane of a road in a junction to which a reference to a light is."""
     network, converted = real_net("xodr/carla/Town04.xodr")

@@ -133,6 +133,7 @@ def test_the_normal_equations_are_those_of_numeric_differences(
     np.testing.assert_allclose(gradient, jacobian @ off, rtol=1e-3, atol=1e-3 * np.abs(jacobian @ off).max())
 
 
+@pytest.mark.slow
 def test_what_lies_beyond_the_reach_and_in_other_windows_is_there() -> None:
     rng = np.random.default_rng(0)
     knots = np.cumsum([0.0, *rng.uniform(0.6, 2.5, 80)])

@@ -95,6 +95,7 @@ def test_what_was_recorded_drives_the_same_without_the_function(recorded: Path, 
         ("rear_end", ("--vehicle", "single-track"), "recorded was"),
     ],
 )
+@pytest.mark.slow
 def test_another_drive_fails_and_says_where_it_differs(
     recorded: Path, tmp_path: Path, recording: str, more: tuple[str, ...], why: str
 ) -> None:

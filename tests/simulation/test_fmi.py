@@ -164,6 +164,7 @@ def test_the_guides_example_holds(unit2: Path) -> None:
         (3, "fmi2DoStep gave the status 3 (error); the unit says: no plan for a gap of 80 m at step 20"),
     ],
 )
+@pytest.mark.slow
 def test_what_a_unit_does_costs_its_run(unit2: Path, tmp_path: Path, fault: int, why: str) -> None:
     done = run(build(unit2.parent, "time_limit = 0.5", f"fault = {fault}"), tmp_path / "out")
     assert (done.returncode, why in done.stderr) == (3, True), done.stderr

@@ -369,6 +369,7 @@ def test_where_nobody_can_listen_is_told(
     assert (code, why in told, "127.0.0.1" in told) == (2, True, True), told
 
 
+@pytest.mark.slow
 def test_the_example_container_serves(tmp_path: Path) -> None:
     """The steps of its Dockerfile, done without Docker."""
     compiler = shutil.which("c++")

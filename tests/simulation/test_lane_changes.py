@@ -215,7 +215,7 @@ def traces_that_meet(others: list[tuple[int, int, float]]) -> set[tuple[str, str
 @given(commands, places)
 @example([-4.888240954167173, 1.0255693392415353, 0.0, 0.0], [(-2, -12, 24.0), (-2, -13, 26.0)])
 @settings(
-    max_examples=12,
+    max_examples=4,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
     deadline=None,
     derandomize=True,
@@ -264,6 +264,7 @@ def curved(name: str) -> RoadNetwork:
         ("esmini/e6mini.xodr", "0", -3),
     ],
 )
+@pytest.mark.slow
 def test_in_bends_it_moves_along_the_lane(
     scene: Make, function: Make, network: RoadNetwork, name: str, road: str | None, lane: int,
     drivers: Literal["resim", "sumo"],

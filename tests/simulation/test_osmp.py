@@ -127,6 +127,7 @@ def driven(path: Path, out: Path) -> pd.DataFrame:
 
 
 @pytest.mark.parametrize(("version", "plain"), [(2, 0), (3, 0), (2, 1), (2, 2)])
+@pytest.mark.slow
 def test_a_unit_that_speaks_osi_drives_as_the_same_function_in_python_does(
     expected: pd.DataFrame, tmp_path: Path, version: int, plain: int
 ) -> None:

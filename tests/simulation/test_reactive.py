@@ -159,6 +159,7 @@ def test_a_driver_drives_as_the_equation_says(drive: Drive, function: Make, memb
     st.lists(st.floats(-7.0, 3.0), min_size=4, max_size=4), st.floats(3.0, 60.0), st.floats(0.0, 0.8)
 )  # fmt: skip
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@pytest.mark.slow
 def test_whatever_the_ego_does_drivers_move_as_vehicles_do(
     drive: Drive, function: Make, member: Member, commands: list[float], gap: float, off: float
 ) -> None:

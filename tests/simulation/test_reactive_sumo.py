@@ -76,6 +76,7 @@ def test_a_driver_follows_as_a_vehicle_of_sumo_with_the_same_model(
     assert np.abs(followed(other, given) - gap).max() > 0.5
 
 
+@pytest.mark.slow
 def test_it_changes_lanes_where_a_vehicle_of_sumo_does(tmp_path: Path) -> None:
     """In the first of the scenes of `tools/validate_drivers.py`, of which docs/validation.md has more."""
     order = [sys.executable, ROOT / "tools" / "validate_drivers.py", "--scenes", "8"]

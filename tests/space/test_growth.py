@@ -8,18 +8,22 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from space.families import drawn
+from space.families import drawn, lasting
 from space.spaces import KINDS, source, space_of
 
 from resim.core.errors import InputError
 from resim.space.agreement import adjusted_rand
 from resim.space.build import build_space, cluster_buckets, grow_space
 from resim.space.clustering import Linkage
+from resim.space.comparison import together as comparison_of
 from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
 from resim.space.folder import read_space, write_space
+from resim.space.members import MEMBER_COLUMNS
+from resim.space.risk import cluster_risks
 from resim.space.settings import SpaceSettings
 from resim.space.sources import DrivenRecording, _driven_until
+from resim.space.traces import joined
 
 
 def kinds(count: int, seed: int, of: tuple[str, ...] = KINDS) -> list[str]:
@@ -123,6 +127,66 @@ def test_a_drive_is_in_a_space_once_and_names_may_be_those_of_another_source(tmp
         grow_space(build_space([first]), [mined_again])
 
 
+@pytest.mark.parametrize("how", ["digits", "ego", "cut"])
+def test_a_drive_that_is_there_again_is_refused_whatever_its_file_is(how: str) -> None:
+    """As CSV with fewer digits, around another EGO of a study of all, or cut anew so that scenarios are missing."""
+    names = kinds(25, 1)
+    first, other = source("day", names, 1), source("night", kinds(25, 2), 2)
+    again = replace(source("again", names, 1), hash="of other bytes")
+    if how == "digits":
+        again = replace(again, traces=replace(again.traces, offset=np.round(again.traces.offset, 3)))
+    if how == "ego":
+        again = replace(again, recordings=(replace(again.recordings[0], tracks="another", ego="b"),))
+    if how == "cut":
+        again = replace(
+            again, rows=again.rows.iloc[10:].reset_index(drop=True), traces=again.traces.take(range(10, 25))
+        )
+    with pytest.raises(InputError, match="see the same traffic to the centimetre"):
+        build_space([first, other, again])
+    with pytest.raises(InputError, match="see the same traffic to the centimetre"):
+        grow_space(build_space([first]), [again])
+    assert len(build_space([first, other]).rows) == 50
+    standing = [replace(one.traces, offset=np.full_like(one.traces.offset, 12.0), speed=np.zeros_like(one.traces.speed))
+                for one in (first, again)]  # fmt: skip
+    queues = [replace(one, traces=told) for one, told in zip((first, again), standing, strict=True)]
+    assert len(build_space(queues).rows) == 25 + len(again.rows)  # a queue looks like any other
+
+
+def test_what_is_cut_short_is_of_no_kind_that_was_seen() -> None:
+    """In its first second every cut-out is following, and harmless."""
+    whole = space_of([*KINDS[:3]] * 8, build="b")
+    each = [whole.traces.take([k]) for k in range(len(whole.traces))]
+    rows = whole.rows[~whole.rows["medoid"]].index[:4].tolist()
+    short = replace(
+        whole, traces=joined([lasting(one, 5) if k in rows else one for k, one in enumerate(each)])
+    )
+    assert not whole.unsure.any()
+    assert np.flatnonzero(short.unsure).tolist() == rows
+    before, after = (report(one, {}) for one in (whole, short))
+    assert after.coverage.kinds.seen == before.coverage.kinds.seen + 4
+    assert after.coverage.convergence.unseen.high > before.coverage.convergence.unseen.high
+    assert any("4 scenarios last for less than 50%" in note for note in after.notes)
+    nobody = pd.DataFrame(columns=list(MEMBER_COLUMNS)).astype(
+        {"collided": "boolean", "risk": float, "counts": bool}
+    )
+    driven = [sum(one.measured for one in cluster_risks(space, nobody, "b")) for space in (whole, short)]
+    assert driven == [24, 20]
+
+
+def test_what_was_mined_for_other_scenarios_is_refused() -> None:
+    """In its hours nobody looked for those of the first: they would seem rare."""
+    first, other = source("day", kinds(25, 1), 1), source("night", kinds(25, 2), 2)
+    lanes = replace(first, trigger=("lane_change_left",))
+    with pytest.raises(
+        InputError, match="was mined around collision, day around lane_change_left: scenarios of one"
+    ):
+        build_space([lanes, replace(other, trigger=("collision",))])
+    with pytest.raises(InputError, match="was mined with other thresholds than day"):
+        grow_space(build_space([lanes]), [replace(other, trigger=("lane_change_left",), rules="mine")])
+    with pytest.raises(InputError, match="mined with other thresholds or triggers"):
+        comparison_of(build_space([lanes]), build_space([other]))
+
+
 def test_several_egos_that_see_the_same_do_not_make_a_kind_seen_twice() -> None:
     alone = report(build_space([source("a", [*KINDS] * 2, 1)]), {}).coverage
     twice = report(
@@ -167,6 +231,7 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         np.arange(600.0),
         np.arange(600.0),
         (600.0, 600.0),
+        np.zeros(600, int),
     )
     assert coverage(many).convergence.converged
     assert coverage(many).discovery_per_hour.value == 0.0
@@ -178,6 +243,7 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         np.arange(600.0),
         np.arange(600.0),
         (600.0, 600.0),
+        np.zeros(600, int),
     )
     assert not coverage(growing).convergence.converged
 

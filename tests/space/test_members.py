@@ -15,7 +15,6 @@ from space.families import drawn, lasting
 from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
-from resim.jobs.space import _calibration, _mined_whole
 from resim.jobs.space_members import (
     Simulated,
     SpaceReading,
@@ -23,11 +22,13 @@ from resim.jobs.space_members import (
     _runs,
     accidents,
     driven_traces,
+    one_build,
 )
 from resim.jobs.space_recordings import RecordingReader, draws
 from resim.recordings.content import content_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_of
 from resim.space.build import cluster_buckets
+from resim.space.held_out import held_out_calibration, mined_whole
 from resim.space.members import (
     DrivenTraces,
     SimulatedRun,
@@ -38,9 +39,10 @@ from resim.space.members import (
     overlapping,
 )
 from resim.space.model import Space
-from resim.space.risk import calibrated, cluster_risks, cover_notes
-from resim.space.traces import joined
+from resim.space.risk import ClusterRisk, calibrated, cluster_risks, cover_notes
+from resim.space.traces import from_frame, joined
 from resim.verification.entries import FailedRecording
+from resim.verification.tolerance import Tolerances
 
 BUCKET = "m-1, road 1 +, 3 lanes, 4 vehicles"
 DRIVE = TestDrive("drive", "drive", "b", "p", "verified", True)
@@ -80,6 +82,7 @@ def test_a_run_near_a_verified_test_drive_counts(space: Space) -> None:
         ([DRIVE], replace(RUN, changed="perception.latency.speed is swept"), known(), "it is not what was verified"),
         ([DRIVE], replace(RUN, trust="outside"), known(), "its variation lies outside"),
         ([DRIVE], replace(RUN, trust="unknown"), known(), "it is unknown whether its variation"),
+        ([DRIVE], replace(RUN, varied=True), known(), "its recording, which is not verified itself"),
         ([DRIVE], replace(RUN, recording="elsewhere"), known(), "its slots are not known"),
         ([DRIVE], RUN, known(run="jam", drive="jam"), "is in no cluster"),
     ],
@@ -90,6 +93,14 @@ def test_others_do_not_and_say_why(
     found = judged_members(space, [run], drives, traces, 0.7).iloc[0]
     assert not found["counts"]
     assert why in found["why"]
+
+
+def test_variations_of_the_drive_that_is_verified_count(space: Space) -> None:
+    """Ranges were found there: near another drive that is verified they say nothing."""
+    run = replace(RUN, recording="drive", varied=True)
+    assert judged_members(space, [run], [DRIVE], known(), 0.7).iloc[0]["counts"]
+    contradicted = [DRIVE, replace(DRIVE, verdict="not verified"), replace(DRIVE, recording="run")]
+    assert not judged_members(space, [run], contradicted, known(), 0.7).iloc[0]["counts"]
 
 
 def test_the_medoid_of_its_cluster_may_be_near_the_drive_in_its_place(space: Space) -> None:
@@ -220,6 +231,10 @@ def test_who_is_on_no_lane_is_near_nobody(space: Space) -> None:
         assert clusters_of(of_free, off).get("run", "") == ("" if name == "run" else "1.1")
 
 
+def risks_of(one: ClusterRisk) -> list[tuple[float, float, float]]:
+    return [(draw.risk, draw.least, draw.most) for draw in one.draws]
+
+
 def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
     own = replace(space, rows=space.rows.assign(build="f-1"))  # its hash
     runs = [RUN, replace(RUN, name="2", risk=0.5), replace(RUN, name="3", risk=np.nan),
@@ -229,13 +244,15 @@ def test_risk_is_over_what_was_driven_and_what_counts(space: Space) -> None:
     found = {one.cluster: one for one in cluster_risks(own, members, "f-1")}
     one = found["1.1"]
     assert (one.measured, one.counted, one.not_counted, one.unknown, one.collided) == (6, 4, 1, 1, 1)
-    assert one.values == (1.0, 1.0, 0.5, 0.01, *[0.0] * 6)
-    assert one.risk.value == pytest.approx(2.51 / 10)
+    of_run = (0.01 + 0.5 + 1.0 + 1.0) / 4  # all of one recording
+    least = (0.01 + 0.5 + 0.0 + 1.0 + 0.01) / 5  # what is unknown was no accident, and what is outside counts
+    assert np.allclose(risks_of(one), [(of_run, least, of_run), *[(0.0, 0.0, 0.0)] * 6])
+    assert one.risk.value == pytest.approx(of_run / 7)
     assert one.worst[0].member in ("3", "5")
-    assert found["1.2"].values == (0.0,) * 6
+    assert risks_of(found["1.2"]) == [(0.0, 0.0, 0.0)] * 6
     of_people = {one.cluster: one for one in cluster_risks(space, members, "f-1")}
     assert of_people["1.1"].measured == 0
-    assert not of_people["1.2"].values
+    assert not of_people["1.2"].draws
     assert any("do not count" in note for note in cover_notes(members, [DRIVE]))
 
 
@@ -250,7 +267,8 @@ def test_a_drive_of_which_nobody_says_how_it_ended_counts_as_an_accident(space: 
         }["1.1"]
         for hit in (collided, collided.mask(told["scenario"] == told["scenario"].iloc[0], pd.NA))
     ]
-    assert [one.values for one in risk] == [(0.0,) * 6, (1.0, *[0.0] * 5)]
+    assert [risks_of(one)[0] for one in risk] == [(0.0, 0.0, 0.0), (1.0, 0.0, 1.0)]
+    assert [one.scenarios for one in risk] == [6, 6]
     assert [(one.unknown, one.measured_collided) for one in risk] == [(0, 0), (1, 1)]
 
 
@@ -300,22 +318,38 @@ def test_a_drive_that_is_held_out_does_not_predict_itself(space: Space) -> None:
         calibrated(cluster_risks(own, members, "f-1"), held, clusters_of(own, scenarios)).verdict
         == "calibrated"
     )
-    found = _calibration(own, members, "f-1", held, scenarios)
+    found = held_out_calibration(own, members, "f-1", held, scenarios)
     assert (found.verdict, found.unknown) == ("not shown", 120)
     # half of them held out, the others predict it
-    half = _calibration(own, members, "f-1", held[:60], scenarios)
+    half = held_out_calibration(own, members, "f-1", held[:60], scenarios)
     assert (half.verdict, half.unknown, half.drives) == ("calibrated", 0, 60)
     # recordings of which the space was mined: which of its scenarios are of them is not known
-    mined = replace(own, sources=tuple(replace(one, recordings=tuple(keys[:50])) for one in own.sources))
+    mined = replace(
+        own, sources=tuple(replace(one, recordings={key: key for key in keys[:50]}) for one in own.sources)
+    )
     others = replace(scenarios, scenario=dict.fromkeys(keys, ""))
-    found = _calibration(mined, members, "f-1", held[:60], others)
+    found = held_out_calibration(mined, members, "f-1", held[:60], others)
     assert (found.verdict, found.unknown) == ("not shown", 50)
     of_parts = replace(others, drive=dict.fromkeys(keys[:50], "whole"))  # cut out of a drive that was mined
-    whole = replace(own, sources=tuple(replace(one, recordings=("whole",)) for one in own.sources))
-    assert _calibration(whole, members, "f-1", held[:60], of_parts).unknown == 50
+    whole = replace(own, sources=tuple(replace(one, recordings={"whole": "whole"}) for one in own.sources))
+    assert held_out_calibration(whole, members, "f-1", held[:60], of_parts).unknown == 50
     assert "50 held-out drives are of recordings that the space was mined of" in next(
-        _mined_whole(mined, held, others)
+        mined_whole(mined, held, others)
     )
+
+
+def test_who_sees_what_is_held_out_does_not_predict_it() -> None:
+    """Several EGOs see one maneuver: how it ends for one of them tells of the others."""
+    own = space_of([*KINDS[:2]] * 60, build="f-1")
+    names = own.rows["scenario"].astype(str).tolist()
+    traces = replace(own.traces, names=np.array([f"key of {name}" for name in names]))
+    keys = traces.names.tolist()
+    scenarios = DrivenTraces(traces, dict.fromkeys(keys, BUCKET), dict(zip(keys, names, strict=True)))
+    held = [SimulatedRun(key, key, "f-1", "", 0.0, False) for key in keys[:60]]
+    members = judged_members(own, [], [], scenarios, 0.7)
+    assert held_out_calibration(own, members, "f-1", held, scenarios).unknown == 0
+    pairs = replace(own, rows=own.rows.assign(occasion=np.arange(120) % 60))
+    assert held_out_calibration(pairs, members, "f-1", held, scenarios).unknown == 60
 
 
 def test_members_of_a_recording_that_is_held_out_do_not_predict_it(space: Space) -> None:
@@ -333,9 +367,9 @@ def test_members_of_a_recording_that_is_held_out_do_not_predict_it(space: Space)
 
     members = judged_members(space, runs(range(20), range(10)), [DRIVE], there, 0.7)
     assert members["counts"].all()
-    found = _calibration(space, members, "b", runs(range(20), range(10, 20)), there)
+    found = held_out_calibration(space, members, "b", runs(range(20), range(10, 20)), there)
     assert (found.verdict, found.unknown) == ("not shown", 200)
-    others = _calibration(space, members, "b", runs(range(20, 40), range(10)), there)
+    others = held_out_calibration(space, members, "b", runs(range(20, 40), range(10)), there)
     assert (others.verdict, others.unknown) == ("calibrated", 0)
 
 
@@ -347,12 +381,12 @@ def test_windows_of_one_drive_that_overlap_are_one_draw(space: Space) -> None:
     apart = DrivenTraces(traces, dict.fromkeys(keys, BUCKET), dict.fromkeys(keys, ""))
     runs = [SimulatedRun(key, key, "b", "p", 0.0, False, same=key) for key in keys[:-1]]
     members = judged_members(space, runs[:20], [DRIVE], apart, 0.7)
-    assert _calibration(space, members, "b", runs[20:], apart).verdict == "calibrated"
+    assert held_out_calibration(space, members, "b", runs[20:], apart).verdict == "calibrated"
     one = replace(apart, draw=dict.fromkeys(keys[20:40], "r20"))
-    found = _calibration(space, members, "b", runs[20:], one)
+    found = held_out_calibration(space, members, "b", runs[20:], one)
     assert (found.verdict, found.bins[0].recordings) == ("not shown", 1)
     beside = replace(apart, draw={f"r{k}": f"r{k % 20}" for k in range(40)})
-    found = _calibration(space, members, "b", runs[20:], beside)
+    found = held_out_calibration(space, members, "b", runs[20:], beside)
     assert (found.verdict, found.unknown) == ("not shown", 20)
 
 
@@ -413,7 +447,9 @@ def test_an_accident_of_a_test_drive_that_was_not_mined_is_told(space: Space) ->
     assert not_mined(space, [], known()) == 0
     assert not_mined(space, ["drive", "drive", "run"], known()) == 2
     assert not_mined(space, ["run"], known(scenario="one_0")) == 0
-    mined = replace(space, sources=tuple(replace(one, recordings=("drive",)) for one in space.sources))
+    mined = replace(
+        space, sources=tuple(replace(one, recordings={"drive": "drive"}) for one in space.sources)
+    )
     assert not_mined(mined, ["drive"], known()) == 0
 
 
@@ -441,6 +477,9 @@ def verified_with() -> SimpleNamespace:
         traffic=None,
         settings=(),
         accept=(),
+        tolerances=Tolerances(),
+        agreement=0.9,
+        criteria=SimpleNamespace(path="c.toml", hash="c"),
     )
 
 
@@ -476,7 +515,8 @@ def test_the_command_that_repeats_a_member_is_told_all(
     file = SimpleNamespace(hash="b", label="b-1", path="../b.toml")
     inputs = SimpleNamespace(
         against=None, build=file, perception=SimpleNamespace(hash="p", path="m.json"), vehicle="single-track",
-        traffic=traffic, settings=("latency.speed=0.4",), accept=("GAP",),
+        traffic=traffic, settings=("latency.speed=0.4",), accept=("GAP",), tolerances=Tolerances(), agreement=0.9,
+        criteria=SimpleNamespace(path="c.toml", hash="c"),
     )  # fmt: skip
     entry = FailedRecording("d", "../drive", content_hash(tmp_path / "drive"), "error", "process died", True)
     how = SpaceReading(tmp_path / "space", RecordingReader())
@@ -498,6 +538,28 @@ def test_the_command_that_repeats_a_member_is_told_all(
     if found.traffic:
         (tmp_path / "traffic.toml").write_text(found.traffic)
         assert traffic_of(str(tmp_path / "traffic.toml")) == traffic
+
+
+def test_verifications_by_other_tolerances_are_not_put_together(tmp_path: Path) -> None:
+    """Within wide enough tolerances everything is verified."""
+    write_drive(tmp_path, 60.0, "b")
+    entry = FailedRecording("d", ".", content_hash(tmp_path), "error", "process died", True)
+    how = SpaceReading(tmp_path / "space", RecordingReader())
+    wide = Tolerances.model_validate({"pipeline": {"ego": {"d": 100.0}}})
+    found = []
+    for tolerances in (Tolerances(), wide):
+        inputs = SimpleNamespace(**{**vars(verified_with()), "tolerances": tolerances})
+        found.append(_of_verification(tmp_path, SimpleNamespace(inputs=inputs, recordings=[entry]), how))  # type: ignore[arg-type]
+    one, other = found
+    assert one.judged.startswith(
+        "drives are verified by c.toml (c) with an agreement of 0.9, where their EGO differs"
+    )
+    assert one.judged.endswith("reaction 0.2 s")
+    assert "at most d 100 m, reaction 0.2 s, by tolerances that are not the usual ones" in other.judged
+    swept = replace(one, judged="")
+    assert one_build([(tmp_path, one), (tmp_path / "s", swept), (tmp_path, one)]) is one
+    with pytest.raises(InputError, match="Verify all with the same criteria and tolerances"):
+        one_build([(tmp_path, one), (tmp_path / "s", swept), (tmp_path / "wide", other)])
 
 
 def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -550,6 +612,23 @@ def test_a_copy_of_a_scenario_is_that_scenario(space: Space, tmp_path: Path) -> 
         drive = RecordingReader().read(folder, content_hash(folder))
         there = Simulated((), (), {drive.key: drive}, "", "b", "", "")
         assert driven_traces(replace(space, rows=rows), [there]).scenario == {drive.key: name}
+
+
+def test_a_drive_in_another_file_is_the_same_draw(space: Space, tmp_path: Path) -> None:
+    """As CSV with fewer digits: held out, it would calibrate what it predicts itself."""
+    read = {}
+    for name, more in (("own", 0.0), ("digits", 4e-4), ("other", 0.5)):
+        (tmp_path / name).mkdir()
+        write_drive(tmp_path / name, 60.0 + more, "b")
+        read[name] = RecordingReader().read(tmp_path / name, content_hash(tmp_path / name))
+    there = Simulated((), (), {one.key: one for one in read.values()}, "", "b", "", "")
+    found = driven_traces(space, [there])
+    own, digits, other = (found.draw[one.key] for one in read.values())
+    assert own == digits != other
+    first = from_frame(read["own"].slots)
+    rows = pd.concat([space.rows.iloc[:1].assign(scenario="it"), space.rows], ignore_index=True)
+    with_it = replace(space, rows=rows, traces=joined([replace(first, names=np.array(["it"])), space.traces]))
+    assert [driven_traces(with_it, [there]).scenario[one.key] for one in read.values()] == ["it", "it", ""]
 
 
 @pytest.mark.parametrize(

@@ -20,13 +20,18 @@ from resim.space.build import build_space
 from resim.space.calibration import reliability
 from resim.space.comparison import compare_spaces, together
 from resim.space.described import report
+from resim.space.expected import ExposedScenarios, risk_limit, unseen_rate
 from resim.space.limits import ReleaseLimits, read_limits
 from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, TestDrive, judged_members
+from resim.space.missing import hours_for_accidents, hours_for_kinds
 from resim.space.model import Space
 from resim.space.page import write_cover_page, write_release_page
-from resim.space.release import ReleaseReport, decide, release_case, release_checks, verdict_of
+from resim.space.release import decide, release_checks, verdict_of
+from resim.space.release_case import release_case
+from resim.space.release_report import ReleaseReport
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
+from resim.space.sources import UNKNOWN_BUILD
 from resim.space.traces import joined
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
@@ -36,15 +41,15 @@ GOOD = reliability(np.repeat(EVERY, 4000), np.zeros(28000))
 
 
 def limits(per_hour: float, **more: object) -> ReleaseLimits:
-    told = {"name": "t", "least_seen": 0.9, "least_seen_source": "test", "least_members": 30,
+    told = {"name": "t", "least_seen": 0.9, "least_seen_source": "test", "least_scenarios": 30,
             "limit": [{"per": "hour", "accidents": per_hour, "source": "test"}]}  # fmt: skip
     return ReleaseLimits.model_validate({**told, **more})
 
 
 def members(space: Space, each: int, risk: float) -> pd.DataFrame:
-    """So many members that count in each cluster, of this risk."""
+    """So many members that count in each cluster, of this risk, each of a scenario of its own."""
     rows = [
-        (f"{name}:{k}", "o", name, "d", 0.1, risk, False, True, "", "repeat")
+        (f"{name}:{k}", "o", f"{name} {k}", name, "d", 0.1, risk, False, True, "", "repeat")
         for name in sorted(set(space.rows["cluster"])) for k in range(each)
     ]  # fmt: skip
     frame = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS))
@@ -71,6 +76,10 @@ def test_a_function_that_is_safe_in_all_that_is_known_is_released(seen: Space) -
     found = decided(seen, members(seen, 5000, 0.0), limits(0.1))
     assert found.verdict == "good"
     assert found.statement.startswith("The AD function is tested against a set of scenarios we trust")
+    assert (
+        "not contradicted by 28000 held-out drives, which would show one that is larger only above"
+        in found.statement
+    )
     assert not found.forbidding
     assert found.remaining.share.value == 1.0
     budget = found.budgets[0]
@@ -116,13 +125,47 @@ def test_what_is_not_known_is_not_shown(seen: Space, what: str) -> None:
 
 
 def test_with_too_little_data_it_says_what_to_do(seen: Space) -> None:
-    small = space_of([*KINDS[:5]] * 2, hours=1.0)
-    found = decided(small, members(small, 40, 0.0), limits(1e-3))
+    small = space_of([*KINDS[:5]] * 40, hours=1.0)
+    found = decided(small, members(small, 5, 0.0), limits(1e-3))
     assert found.verdict == "not shown"
     assert found.plan
     assert all(one.after < one.before for one in found.plan)
     assert [one.after for one in found.plan] == sorted(one.after for one in found.plan)
     assert {one.what for one in found.plan} == {"drive", "simulate"}
+    assert {one.amount for one in found.plan if one.what == "simulate"} == {
+        35.0
+    }  # those of which no member counts
+    every = decided(small, members(small, 40, 0.0), limits(1e-3))
+    assert {one.what for one in every.plan} == {"drive"}
+
+
+@pytest.mark.parametrize("per_hour", [0.05, 1.0, 20.0])
+def test_the_hours_that_are_missing_are_those_in_which_nothing_new_comes(per_hour: float) -> None:
+    few = ExposedScenarios(np.array([0, 0, 0, 1]), np.arange(4), 2)
+    alpha, hours = 0.05 / 3.0, 0.5
+    more = hours_for_accidents(few, per_hour, alpha, hours, hours)
+    assert more > 0.0
+
+    def limit(times: float) -> float:
+        count = round(4 * times)
+        return unseen_rate(ExposedScenarios(np.zeros(count, int), np.arange(count), 1), hours * times, alpha)
+
+    times = 1.0 + more / hours
+    assert limit(1.1 * times + 1.0) <= per_hour < limit(0.9 * times)
+    assert hours_for_accidents(few, 1e6, alpha, hours, hours) == 0.0
+    assert np.isnan(hours_for_accidents(few, per_hour, alpha, np.nan, np.nan))
+    assert hours_for_kinds(few, 0.05, 0.95, hours) > hours_for_kinds(few, 0.5, 0.95, hours) > 0.0
+
+
+def test_how_much_is_missing_is_told(seen: Space, tmp_path: Path) -> None:
+    small = space_of([*KINDS[:3]] * 2, hours=0.5)
+    found = decided(small, members(small, 40, 0.0), limits(1.0))
+    assert [one.missing_hours > 0.0 for one in found.checks] == [True, True]
+    assert found.statement.count("h more are needed at least") == 2
+    write_release_page(found, None, tmp_path)
+    assert "hours missing, at least" in (tmp_path / "release.html").read_text()
+    fits = decided(seen, members(seen, 40, 0.0), limits(1e6, least_seen=0.5))
+    assert [(one.met, one.missing_hours) for one in fits.checks] == [(True, 0.0)] * 2
 
 
 @cache
@@ -274,6 +317,63 @@ def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
     assert "collide or break off and are not in the space" in found.statement
     of_another = replace(seen, sources=tuple(replace(one, accidents={"c": 1}) for one in seen.sources))
     assert decided(of_another, frame, limits(0.1)).verdict == "good"
+
+
+def test_kinds_that_each_come_in_one_drive_alone_are_not_all_that_there_is() -> None:
+    """Each comes four times, and none once: as if all were seen, and the next drive has others."""
+    alone = build_space([source(f"s{k}", [KINDS[k]] * 4, k, 20.0) for k in range(10)])
+    mixed = build_space(
+        [source(f"s{k}", [KINDS[(k + j) % 10] for j in range(4)], k, 20.0) for k in range(10)]
+    )
+    told = [
+        [
+            reason
+            for reason in release_case(one, None, limits(0.1)).unknown
+            if "are in no other drive" in reason
+        ]
+        for one in (alone, mixed)
+    ]
+    assert [len(reasons) for reasons in told] == [1, 0]
+    assert told[0][0].startswith(
+        "of a drive's scenarios at least 69.2 % are of kinds that are in no other drive"
+    )
+
+
+def test_hours_of_others_do_not_dilute_what_this_build_meets(seen: Space) -> None:
+    def driven(**hours: float) -> Space:
+        return replace(seen, sources=tuple(replace(one, driven_by=hours) for one in seen.sources))
+
+    frame = members(seen, 5000, 0.0)
+    covered = replace(cover(seen, frame), build="b")
+    found = {
+        name: decide(driven(**hours), covered, limits(0.1), HASHES)
+        for name, hours in (
+            ("own", {"b": 200.0}),
+            ("both", {"b": 20.0, "": 180.0}),
+            ("people's", {"": 200.0}),
+        )
+    }
+    assert [one.verdict for one in found.values()] == ["good", "not shown", "good"]
+    assert "180 of 200 h were driven by others than this build" in found["both"].statement
+    assert [any("rates are of others' drives" in note for note in one.notes) for one in found.values()] == [
+        False, False, True,
+    ]  # fmt: skip
+
+
+def test_an_accident_of_a_build_without_a_hash_may_be_of_any(seen: Space) -> None:
+    build = "f-1"
+    frame = members(seen, 5000, 0.0)
+    name = str(seen.rows["scenario"].iloc[0])
+    hit = replace(seen, rows=seen.rows.assign(build=UNKNOWN_BUILD, collided=seen.rows["scenario"] == name))
+    plain, worse = ({one.cluster: one for one in cluster_risks(one, frame, build)} for one in (seen, hit))
+    cluster = str(seen.rows["cluster"].iloc[0])
+    assert plain[cluster].measured == worse[cluster].measured == 0
+    high = [risk_limit(one[cluster], 0.01, 30, GOOD).high for one in (plain, worse)]
+    assert high[1] > high[0]
+    outside = replace(seen, sources=tuple(replace(one, accidents={UNKNOWN_BUILD: 1}) for one in seen.sources))
+    found = decided(outside, frame, limits(0.1))
+    assert found.verdict == "not shown"
+    assert "1 collisions or ends of test drives of this build, or of one without a hash" in found.statement
 
 
 def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space, tmp_path: Path) -> None:
@@ -477,5 +577,5 @@ def test_the_page_of_a_release_is_read_on_a_phone_and_a_desk(tmp_path: Path, wid
         rows = page.evaluate("() => [...document.querySelectorAll('tbody tr')].map(r => r.offsetHeight)")
         assert max(rows) <= 120, rows
         words = page.inner_text("body")
-    assert "1 member that counts, at least 30 are needed" in words
+    assert "members of 1 scenario count, at least 30 are needed" in words
     assert "2 held-out drives: not shown. Without a prediction or an outcome: 1." in words

@@ -9,7 +9,7 @@ from scipy.stats import binom, poisson
 from resim.space.calibration import reliability
 from resim.space.comparison import variation
 from resim.space.expected import ExposedScenarios, expected_accidents, risk_limits
-from resim.space.risk import ClusterRisk
+from resim.space.risk import ClusterRisk, DrawRisk
 from resim.space.statistics.rates import UNKNOWN, rate, share, spread_of
 from resim.space.statistics.unseen import held_out, kinds_at_least, more_needed, unseen_share
 
@@ -35,6 +35,18 @@ def test_the_unseen_share_is_held(name: str, n: int) -> None:
         held += found.low <= float(p[counts == 0].sum()) <= found.high
         assert found.high > found.low
     assert held >= LEVEL * DRAWS
+
+
+@pytest.mark.parametrize("level", [0.95, 1.0 - 0.05 / 6])
+@pytest.mark.parametrize("kinds", [10, 20, 40, 80, 150])
+def test_the_upper_end_of_the_unseen_share_holds_alone(kinds: int, level: float) -> None:
+    """A release asks for it one-sided; equally frequent kinds are the worst, where the last few are still missing."""
+    rng = np.random.default_rng(9)
+    for n in (2 * kinds, 5 * kinds, 7 * kinds):
+        held = 0
+        for counts in rng.multinomial(n, np.full(kinds, 1.0 / kinds), 4 * DRAWS):
+            held += (counts == 0).mean() <= unseen_share(counts[counts > 0], 1.0, 2.0 * level - 1.0).high
+        assert held >= (level - 3.0 * np.sqrt(level * (1.0 - level) / (4 * DRAWS)) - 0.005) * 4 * DRAWS
 
 
 def test_the_unseen_share_is_held_where_kinds_come_together() -> None:
@@ -132,11 +144,8 @@ def test_a_held_out_half_agrees_where_nothing_changes_and_not_where_all_does() -
 
 
 def cluster_risk(name: str, values: np.ndarray) -> ClusterRisk:
-    ordered = tuple(np.sort(values)[::-1].tolist())
-    return ClusterRisk(
-        name, 0, 0, len(values), 0, 0, 0, UNKNOWN, ordered,
-        (), (), {},
-    )  # fmt: skip
+    draws = tuple(DrawRisk(value, value, value) for value in np.sort(values)[::-1].tolist())
+    return ClusterRisk(name, 0, 0, len(values), 0, 0, 0, UNKNOWN, draws, (), {})
 
 
 def test_expected_accidents_are_held() -> None:

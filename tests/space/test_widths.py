@@ -18,7 +18,8 @@ from resim.space.comparison import compare_spaces, together
 from resim.space.described import report
 from resim.space.limits import ReleaseLimits
 from resim.space.members import MEMBER_COLUMNS
-from resim.space.release import ReleaseCheck, decide
+from resim.space.release import decide
+from resim.space.release_report import ReleaseCheck
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.statistics.rates import IntervalEstimate
 
@@ -57,7 +58,7 @@ def test_no_interval_has_width_zero(
     named = [KINDS[k] for k in kinds]
     space = build_space([source("one", named, 1, hours, "b", together_)])
     rows = [
-        (f"{name}:{k}", "o", name, "d", 0.1, risk, risk == 1.0, counts, "", "repeat")
+        (f"{name}:{k}", "o", f"{name} {k}", name, "d", 0.1, risk, risk == 1.0, counts, "", "repeat")
         for name in sorted(set(space.rows["cluster"])) for k, risk in enumerate(risks)
     ]  # fmt: skip
     members = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS)).astype(
@@ -69,7 +70,7 @@ def test_no_interval_has_width_zero(
         {}, {}, "", "b", "f-1", "", 0.7, {}, {}, 1, 0, found, reliability(predicted, collided), ()
     )
     asked = ReleaseLimits.model_validate(
-        {"name": "t", "least_seen": 0.9, "least_seen_source": "t", "least_members": 3,
+        {"name": "t", "least_seen": 0.9, "least_seen_source": "t", "least_scenarios": 3,
          "limit": [{"per": per, "accidents": 0.1, "source": "t"} for per in ("hour", "kilometre")]}
     )  # fmt: skip
     other = build_space([source("other", named[::2], 2)])

@@ -72,6 +72,7 @@ def ngsim(name: str) -> Recording:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no shared data")
 @pytest.mark.parametrize("name", NGSIM)
+@pytest.mark.slow
 def test_real_drives_are_the_same_to_the_byte(name: str) -> None:
     prepared = prepare_sweep(ngsim(name), CRITERIA)
     for build in ("highway_pilot-1.0", "idm-1.0"):

@@ -46,6 +46,7 @@ def written(folder: Path, parameters: str, plan: str = "") -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_run_is_of_the_variation_of_its_number(tmp_path: Path) -> None:
     file = written(tmp_path, NUMBER.format(high=3.0, steps=4))
     rows = sweep(file, tmp_path / "out", SweepOptions(workers=1)).table

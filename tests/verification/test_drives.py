@@ -99,6 +99,7 @@ def test_scripts_of_another_resim_beside_a_single_drive_are_replaced(tmp_path: P
     assert sheet.read_bytes() == scripts
 
 
+@pytest.mark.slow
 def test_a_single_drive_stands_alone_and_builds_are_played_one_after_the_other(tmp_path: Path) -> None:
     found = verified(tmp_path, BLIND, "rear_end", against=PILOT)
     out = tmp_path / "out"

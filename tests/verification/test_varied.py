@@ -62,6 +62,7 @@ def test_a_range_ends_where_the_ego_collides_though_no_criterion_asks(tmp_path: 
     assert (speed.high.amount, speed.high.flips, speed.high.others) == (6.0, (), ())
 
 
+@pytest.mark.slow
 def test_a_change_has_to_show_the_agreement_that_the_verdict_shows(tmp_path: Path) -> None:
     """Most of the seeds are as measured at such a change, and fewer than are demanded."""
     model = read_model(ROOT / "adfunc" / "perception" / "proving_ground.json")

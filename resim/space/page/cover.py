@@ -59,7 +59,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
     rows = [
         [one.cluster, interval(exposure[one.cluster].per_hour), interval(exposure[one.cluster].per_kilometre),
          _risk(found, one), f"{one.measured_collided} of {one.measured}", f"{one.collided} of {one.counted}",
-         str(one.not_counted), _why(one), exposure[one.cluster].medoid]
+         str(one.scenarios), str(one.not_counted), _why(one), exposure[one.cluster].medoid]
         for one in order[:LISTED]
     ]  # fmt: skip
     heads = [
@@ -69,6 +69,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
         "risk a scenario (95 %)",
         "driven, collided",
         "simulated, collided",
+        "of scenarios",
         "do not count",
         "why",
         "test case",
@@ -79,7 +80,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
 
 def _risk(found: CoverReport, one: ClusterRisk) -> str:
     """The risk of a cluster, where it is believed."""
-    if not one.values:
+    if not one.scenarios:
         return "not shown: no member counts"
     return interval(one.risk) if is_believed(one, found.calibration) else "not shown: not calibrated"
 
@@ -102,10 +103,10 @@ def _worst(found: CoverReport) -> Markup:
 
 
 def _given(found: CoverReport) -> Markup:
-    folders = [*found.given.items(), *((f"{name} (held out)", runs) for name, runs in found.held_out.items())]
-    rows = [[name, str(runs)] for name, runs in folders]
+    folders = [*found.given.items(), *((f"{name} (held out)", one) for name, one in found.held_out.items())]
+    rows = [[name, str(one.runs), one.hash] for name, one in folders]
     told = "Of simulated drives in other folders nothing is known here: give all that were made."
-    return html("<p>{}</p>{}", told, table(["folder", "runs"], rows))
+    return html("<p>{}</p>{}", told, table(["folder", "runs", "SHA-256"], rows))
 
 
 def _counts_as(one: WorstMember) -> float:

@@ -11,7 +11,7 @@ from resim.report.markup import Markup, html
 from resim.report.tables import table
 from resim.space.page.cover import calibration
 from resim.space.page.words import header, number, percent, section, write_page
-from resim.space.release import AccidentBudget, ReleaseCheck, ReleaseReport
+from resim.space.release_report import AccidentBudget, ReleaseCheck, ReleaseReport
 from resim.space.risk import CoverReport
 
 LISTED = 50
@@ -41,11 +41,25 @@ def write_release_page(found: ReleaseReport, cover: CoverReport | None, folder: 
 def _checks(checks: tuple[ReleaseCheck, ...]) -> Markup:
     rows = [
         [one.name, number(one.value), _interval(one), number(one.limit),
-         "met" if one.met else "exceeded" if one.exceeded else "not shown", one.source]
+         "met" if one.met else "exceeded" if one.exceeded else "not shown", _missing(one), one.source]
         for one in checks
     ]  # fmt: skip
-    heads = ["asked for", "estimate", "interval", "limit", "", "source of the limit"]
+    heads = [
+        "asked for",
+        "estimate",
+        "interval",
+        "limit",
+        "",
+        "hours missing, at least",
+        "source of the limit",
+    ]
     return table(heads, rows, "checks reasons")
+
+
+def _missing(one: ReleaseCheck) -> str:
+    if one.met or one.missing_hours == 0.0:
+        return "–"
+    return number(one.missing_hours) if np.isfinite(one.missing_hours) else "not known"
 
 
 def _interval(one: ReleaseCheck) -> str:
@@ -104,8 +118,9 @@ def _remaining(found: ReleaseReport) -> Markup:
 def _plan(found: ReleaseReport) -> Markup:
     rows = [
         [str(k), f"drive {number(one.amount)} h more" if one.what == "drive" else
-         f"simulate {one.amount:g} more variations of {one.medoid}", one.cluster or "–", number(one.after),
-         f"{100.0 * (1.0 - one.after / one.before):.3g}\u00a0%" if np.isfinite(one.before) else "–", one.first]
+         f"simulate {one.amount:g} scenarios of which no member counts, as {one.medoid}", one.cluster or "–",
+         number(one.after), f"{100.0 * (1.0 - one.after / one.before):.3g}\u00a0%" if np.isfinite(one.before) else "–",
+         one.first]
         for k, one in enumerate(found.plan, start=1)
     ]  # fmt: skip
     heads = ["rank", "what", "cluster", "accidents an hour then, at most", "less by", "before it"]

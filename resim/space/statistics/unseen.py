@@ -37,18 +37,21 @@ def unseen_share(counts: Ints, spread: float = 1.0, confidence: float = CONFIDEN
 
     Good and Turing's f1 / n. The interval is the hull of Esty's normal one and of the exact Poisson one of f1: the
     first is [0, 0] without kinds seen once or twice, the second leaves out how the unseen share varies itself. Of
-    Esty's variance, f1 + 2 f2 - f1² / n, the last term is left out and one kind seen twice is added, so that it
-    holds its level for few scenarios, too. spread: how many kinds seen once come at one occasion (`spread_of`). [0,
-    1] of nothing.
+    Esty's variance, f1 + 2 f2 - f1² / n, the last term is left out and one kind seen twice is added. The upper end has
+    the correction of a score interval (Brown, Cai and DasGupta, Interval estimation in exponential families,
+    Statistica Sinica 13, 2003), so that it holds its level on its own, too, and for few scenarios. spread: how many
+    kinds seen once come at one occasion (`spread_of`). [0, 1] of nothing.
     """
     n = float(counts.sum())
     if n == 0.0:
         return IntervalEstimate(np.nan, 0.0, 1.0, confidence)
     f1, f2 = float((counts == 1).sum()), float((counts == 2).sum())
     z = float(ndtri(0.5 + 0.5 * confidence))
-    half = z * np.sqrt(spread * (f1 + 2.0 * (f2 + 1.0))) / n
-    low, high = (float(limit) * spread / n for limit in poisson_limits(f1 / spread, confidence))
-    low, high = min(low, f1 / n - half), max(high, f1 / n + half)
+    more = f1 + 2.0 * (f2 + 1.0)
+    below = f1 - z * np.sqrt(spread * more)
+    above = f1 + spread * (0.5 * z**2 + z * np.sqrt(more / spread + 0.25 * z**2))
+    low, high = (float(limit) * spread for limit in poisson_limits(f1 / spread, confidence))
+    low, high = min(low, below) / n, max(high, above) / n
     return IntervalEstimate(f1 / n, max(low, 0.0), min(high, 1.0), confidence)
 
 

@@ -594,6 +594,7 @@ needs_ngsim = pytest.mark.skipif(not NGSIM.is_dir(), reason="needs the NGSIM sce
 @needs_ngsim
 @pytest.mark.parametrize("rate", [0.02, -0.02])
 @pytest.mark.parametrize("source", ["gt", "sd"])
+@pytest.mark.slow
 def test_a_drift_is_found_in_real_traffic_of_short_tracks(rate: float, source: str) -> None:
     """2 % on US-101, tracks of which hardly one is there for all of it: each cut to its 4 s."""
     before = real("USA_US101-22_1_T-1", "659")

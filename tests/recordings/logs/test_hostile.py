@@ -103,6 +103,7 @@ def logs(folder: Path) -> dict[str, tuple[Path, str]]:
     return found
 
 
+@pytest.mark.slow
 def test_damaged_logs(tmp_path: Path) -> None:
     draw = random.Random(5)
     every = logs(tmp_path)
@@ -339,6 +340,7 @@ def test_values_that_are_none_are_told_with_their_row(tmp_path: Path) -> None:
     read(written(yaw=float("nan"), size=[]), w.SCENE_MAPPING)  # missing, as in any table
 
 
+@pytest.mark.slow
 def test_a_measurement_that_is_damaged_or_missing_its_library(tmp_path: Path) -> None:
     pytest.importorskip("asammdf")
     rows = drive(steps=4)

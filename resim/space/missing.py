@@ -1,0 +1,53 @@
+"""How much is missing until a limit could be met: at least so many hours more, if all goes as well as it can."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from resim.space.expected import ExposedScenarios
+from resim.space.statistics.rates import poisson_limits
+from resim.space.statistics.unseen import more_needed, unseen_share
+
+MOST = 1e12
+"""Times the hours so far, above which nothing is told."""
+
+
+def hours_for_kinds(seen: ExposedScenarios, unseen: float, confidence: float, hours: float) -> float:
+    """Give how many hours more bring the upper end of the unseen share down to a limit, at least.
+
+    seen: all that was seen; unseen: the limit; confidence: one-sided; hours: driven so far. NaN where nothing was
+    driven.
+    """
+    counts = seen.counts()
+    if not hours > 0.0 or not counts.sum():
+        return np.nan
+    return more_needed(counts[counts > 0], unseen, 2.0 * confidence - 1.0) * hours / float(counts.sum())
+
+
+def hours_for_accidents(
+    seen: ExposedScenarios, accidents: float, alpha: float, driven: float, hours: float
+) -> float:
+    """Give how many hours more let a limit of accidents be met, at least, if no scenario is an accident, or new.
+
+    accidents: limit, by what was driven, in its unit; alpha: what is left of the error for kinds that were not seen.
+    Scenarios come as often as so far. NaN where nothing was driven, or nobody can say.
+    """
+    count = float(seen.counts().sum())
+    if not driven > 0.0 or not hours > 0.0:
+        return np.nan
+
+    def least(times: float) -> float:
+        rate = float(poisson_limits(count * times, 1.0 - alpha)[1]) / (driven * times)
+        return rate * unseen_share(np.array([count * times]), 1.0, 1.0 - alpha).high
+
+    if least(1.0) <= accidents:
+        return 0.0
+    low, high = 1.0, 2.0
+    while least(high) > accidents:
+        low, high = high, 2.0 * high
+        if high > MOST:
+            return np.nan
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if least(middle) > accidents else (low, middle)
+    return (low - 1.0) * hours

@@ -1,0 +1,144 @@
+"""What a decision about a release follows from, and what happened that no scenario tells of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from resim.space.calibration import ReliabilityReport
+from resim.space.coverage import SeenScenarios, elsewhere, first_of_each, halves
+from resim.space.described import seen as in_order_driven
+from resim.space.expected import (
+    AccidentTerms,
+    ExposedScenarios,
+    RiskLimit,
+    expected_accidents,
+    risk_limits,
+)
+from resim.space.limits import Per, ReleaseLimits
+from resim.space.model import Space
+from resim.space.risk import ClusterRisk, CoverReport
+from resim.space.sources import UNKNOWN_BUILD
+
+
+@dataclass(frozen=True, eq=False)
+class ReleaseCase:
+    """All that a decision follows from.
+
+    Attributes:
+        names: Of the C clusters.
+        exposed: Scenarios that were measured.
+        seen: The same, where those whose kind is not known are each of one of its own: without slots, and where the EGO
+            leaves the lanes.
+        risks: Of the clusters, by name.
+        calibration: Of predicted risk, None without one.
+        unknown: What happened on drives and is in no scenario: sentences, none where there is nothing.
+        driven: h and km.
+        limits: What is asked for.
+    """
+
+    names: tuple[str, ...]
+    exposed: ExposedScenarios
+    seen: ExposedScenarios
+    risks: Mapping[str, ClusterRisk]
+    calibration: ReliabilityReport | None
+    unknown: tuple[str, ...]
+    driven: Mapping[Per, float]
+    limits: ReleaseLimits
+
+    @property
+    def believed(self) -> bool:
+        """Whether predicted risk is calibrated."""
+        return self.calibration is not None and self.calibration.verdict == "calibrated"
+
+    @cached_property
+    def risk(self) -> list[RiskLimit]:
+        """The risk of a scenario of each cluster (C,)."""
+        told = self.limits
+        return risk_limits(self.names, self.risks, told.confidence, told.least_scenarios, self.calibration)
+
+    def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
+        """Give expected accidents, without clusters that are left out of the ODD."""
+        return expected_accidents(
+            self.exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, self.seen
+        )
+
+
+def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits) -> ReleaseCase:
+    """Give what a decision about a release follows from."""
+    names, kind = np.unique(space.rows["cluster"].to_numpy(str), return_inverse=True)
+    exposed = ExposedScenarios(kind, space.rows["occasion"].to_numpy(np.intp), len(names))
+    told = in_order_driven(space, np.arange(len(space.rows)))
+    seen = _seen(told, sum(one.left_out for one in space.sources))
+    risks = {} if cover is None else {one.cluster: one for one in cover.clusters}
+    calibration = None if cover is None else cover.calibration
+    hours, kilometres = space.driven
+    return ReleaseCase(
+        tuple(names.tolist()), exposed, seen, risks, calibration, tuple(_unknown(space, told, cover)),
+        {"hour": hours, "kilometre": kilometres}, limits,
+    )  # fmt: skip
+
+
+def _seen(told: SeenScenarios, left_out: int) -> ExposedScenarios:
+    """Scenarios in the order in which they were driven, and so many more, each of a kind and occasion of its own."""
+    more, clusters = np.arange(left_out), 1 + int(told.kind.max(initial=-1))
+    occasion = np.concatenate([told.occasion, 1 + told.occasion.max(initial=-1) + more])
+    return ExposedScenarios(np.concatenate([told.kind, clusters + more]), occasion, clusters + left_out)
+
+
+def _alone(told: SeenScenarios) -> Iterator[str]:
+    """Where drives have more kinds that are in no other drive than what was seen tells."""
+    check = elsewhere(first_of_each(told))
+    if check is not None and check.found.low > check.predicted.high:
+        yield (
+            f"of a drive's scenarios at least {100.0 * check.found.low:.3g} % are of kinds that are in no other drive, "
+            f"where all together tell of at most {100.0 * check.predicted.high:.3g} %: the next drive is not as these"
+        )
+
+
+def _more_new(told: SeenScenarios) -> Iterator[str]:
+    """Where the later half of what was driven has more new kinds than the first one tells."""
+    check = halves(first_of_each(told))
+    if check is not None and check.found.low > check.predicted.high:
+        yield (
+            f"of the later half of scenarios at least {100.0 * check.found.low:.3g} % are of new kinds, where the "
+            f"first half tells of at most {100.0 * check.predicted.high:.3g} %: what comes is not as what was seen"
+        )
+
+
+def _mixed(space: Space, build: str) -> Iterator[str]:
+    """Where drives of a build are mixed with others: how often it meets scenarios itself is not known."""
+    own = sum(one.driven_by.get(build, 0.0) for one in space.sources) if build else 0.0
+    others = sum(hours for one in space.sources for who, hours in one.driven_by.items() if who != build)
+    if own and others:
+        yield (
+            f"{others:.3g} of {own + others:.3g} h were driven by others than this build, and rates are of all "
+            "together: build a space of its test drives alone"
+        )
+
+
+def _unknown(space: Space, told: SeenScenarios, cover: CoverReport | None) -> Iterator[str]:
+    """What happened on drives of the space, and is in no scenario."""
+    build = "" if cover is None else cover.build
+    if accidents := sum(one.accidents.get(who, 0) for one in space.sources for who in {build, UNKNOWN_BUILD}):
+        yield (
+            f"{accidents} collisions or ends of test drives of this build, or of one without a hash, are in no "
+            "scenario: mine them so that these are cut out"
+        )
+    yield from _mixed(space, build)
+    if cover is not None and cover.accidents:
+        yield (
+            f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
+            "and build it of them as well"
+        )
+    yield from _more_new(told)
+    yield from _alone(told)
+    if left_out := sum(one.left_out for one in space.sources):
+        yield f"{left_out} scenarios have no slots: of which kinds they are is not known"
+    if off := int((space.traces.lane < 0).sum()):
+        yield f"in {off} scenes the EGO is on no lane: who was around it is not known"
+    if failed := [name for one in space.sources for name in one.failed]:
+        yield f"{len(failed)} recordings could not be mined ({failed[0]}): what happened in them is not known"
