@@ -1,6 +1,6 @@
 """Does the Supervisor lose tasks, and does it keep up?
 
-    python tools/validate_supervisor.py [--kills 50] [--users 50] [--requests 150000]
+    python tools/validate_supervisor.py [--kills 50] [--users 50] [--rounds 3] [--requests 150000]
 
 Kills: two servers on one catalog do tasks, while every second a server, or the process of a task, is killed by SIGKILL
 and servers are started again; afterwards each task must have ended, each attempt must have been made once, and none
@@ -49,8 +49,6 @@ PAGES = (
     "/lake?text=pilot",
     "/jobs/run",
 )
-ROUNDS = 3
-"""Sweeps without and with users, in turns."""
 CLIENTS = 8
 """That ask at once, without a pause."""
 
@@ -182,7 +180,7 @@ async def ask(address: str, token: str, users: int, running: asyncio.Event) -> l
     return took
 
 
-def load(folder: Path, users: int) -> None:
+def load(folder: Path, users: int, rounds: int) -> None:
     """Run sweeps as tasks, in turns with and without users, and say how long pages and sweeps took."""
     catalog = Catalog(os.environ["RESIM_CATALOG"])
     queue, tasks = TaskQueue(catalog), folder / "tasks"
@@ -203,7 +201,11 @@ def load(folder: Path, users: int) -> None:
         times.setdefault("share", []).append(share)
         return found
 
-    for which in ("warm", *("without", "with") * ROUNDS):
+    for which in (
+        "warm",
+        *("without", "with", "with", "without") * (rounds // 2),
+        *("without", "with") * (rounds % 2),
+    ):
         name = put(queue, tasks, "sweep", "run", "--workers=1", str(sweep), out=True)
         if which == "with":
             took += asyncio.run(with_users(name))
@@ -312,13 +314,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--users", type=int, default=50)
+    parser.add_argument("--rounds", type=int, default=3, help="sweeps without users, and as many with them")
     parser.add_argument("--requests", type=int, default=150_000)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         for part, job in (
             ("kills", lambda f: kills(f, given.kills, given.seed)),
-            ("users", lambda f: load(f, given.users)),
+            ("users", lambda f: load(f, given.users, given.rounds)),
             ("requests", lambda f: memory(f, given.requests)),
         ):
             if getattr(given, part):

@@ -38,6 +38,8 @@ SORTS: Mapping[SortKey, bool] = {"written": True, "name": False, "risk": True}
 ITEM_KINDS: tuple[ItemKind, ...] = tuple(
     kind for part in get_args(ItemKind) for kind in get_args(part) or (part,)
 )
+WITH_MAP: tuple[ItemKind, ...] = ("recording", "scenario", "run")
+"""Kinds that name their map themselves."""
 FEW = 10_000
 """Rows that are gathered and sorted, for each filter."""
 
@@ -293,7 +295,7 @@ def _conditions(query: LakeQuery) -> list[_Condition]:
     facets = ("tag", "maneuver", "weather", "finding")
     found += [_fact(f, text) for f in facets if (text := getattr(query, f).strip().lower())]
     if text := query.place.strip():
-        found.append(_place(text))
+        found.append(_place(text, query.kinds))
     if text := query.build.strip():
         found.append(_named(("build", "against", "drove"), text))
     if query.risk_above is not None:
@@ -341,8 +343,11 @@ def _named(roles: tuple[str, ...], text: str) -> _Condition:
     return _by(INPUT.c.item, where)
 
 
-def _place(text: str) -> _Condition:
+def _place(text: str, kinds: Sequence[ItemKind]) -> _Condition:
     """On a map: of its own, or of what it follows from, such as a recording; and the map itself."""
+    direct = _named(("map",), text)
+    if kinds and {*kinds} <= {*WITH_MAP}:
+        return direct
     there, on = ITEM.alias("there"), INPUT.alias("on")
     named = or_(and_(*begins(on.c.name, text)), _digits(on.c.hash, text))
     told = select(there.c.digest).join(on, on.c.item == there.c.id).where(on.c.role == "map", named)
@@ -350,9 +355,8 @@ def _place(text: str) -> _Condition:
         ITEM.c.kind == "map",
         or_(and_(*begins(ITEM.c.name, text)), _digits(func.coalesce(ITEM.c.digest, ""), text)),
     )
-    direct = _named(("map",), text)
     after = _by(INPUT.c.item, lambda of: of(INPUT.c.hash).in_(told.where(there.c.digest != "")))
-    rows = union(direct.rows, after.rows, select(ITEM.c.id).where(itself))
+    rows = union_all(direct.rows, after.rows, select(ITEM.c.id).where(itself))
     return _Condition(rows, or_(direct.tried, after.tried, itself))
 
 
