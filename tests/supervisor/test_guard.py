@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import stat
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from supervised import PAGES, at_home
 from resim.core.errors import InputError
 from resim.results.queue import new_id
 from resim.supervisor.access import Access, Visitor, kept_key
+from resim.supervisor.guard import Door
 from resim.supervisor.limits import RateLimit, StreamLimit
 from resim.supervisor.users import Users
 
@@ -68,6 +70,35 @@ def test_the_cookie_goes_to_an_address_that_nobody_else_knows_and_lets_in_there_
     assert elsewhere.session(session) is None
     by_tls = Access(b"k" * 32, 443, Users(tmp_path / "users.json"), secure=True)
     assert by_tls.cookie == "__Secure-resim_443"
+
+
+def test_by_tls_the_cookie_goes_by_tls_alone_and_documents_stay_there(
+    supervisor: Any, tmp_path: Path
+) -> None:
+    from starlette.testclient import TestClient
+
+    from resim.supervisor.app import make_app
+
+    users, there = Users(tmp_path / "users.json"), "https://resim.example.org"
+    supervisor.access = Access(b"k" * 32, 443, users, users_only=True, secure=True)
+    supervisor.settings = replace(supervisor.settings, door=Door((there,), secure=True))
+    name = new_id()
+    supervisor.queue.add(name, "check", ("check",), str(tmp_path / name))
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "a+b c.html").write_text("read")
+    # a proxy that does TLS asks by http, under the name of the browser's address
+    browser = TestClient(make_app(supervisor), base_url="http://resim.example.org", follow_redirects=False)
+    answer = browser.get("/", params={"token": users.add("anna", "run")})
+    cookie = answer.headers["set-cookie"]
+    session, home = re.fullmatch(
+        r"__Secure-resim_443=([^;]+);.* Path=(/\w{32})/; SameSite=strict; Secure", cookie
+    ).groups()  # type: ignore[union-attr]
+    headers = {"cookie": f"__Secure-resim_443={session}"}
+    opened = browser.get(f"{home}/open/tasks/{name}/a+b c.html", headers=headers)
+    assert opened.status_code == 303
+    assert opened.headers["location"].startswith("/pages/")  # under https as the page before
+    assert opened.headers["referrer-policy"] == "no-referrer"
+    assert browser.get(opened.headers["location"]).text == "read"
 
 
 def test_what_other_sites_send_uses_up_nothing_of_a_visitor(
