@@ -240,8 +240,8 @@ def cover(
     known = driven_traces(found, [*every, *(one for _, one in held)])
     drives = [drive for one in every for drive in one.drives]
     members = judged_members(found, [run for one in every for run in one.runs], drives, known, within)
-    risks = cluster_risks(found, members, first.build)
     spared = _spared(every, [one for _, one in held])
+    risks = cluster_risks(found, members, first.build, {known.scenario[run.recording] for run in spared})
     calibration = None if not held else held_out_calibration(found, members, first.build, spared, known)
     with locked(folder, "another `resim space`"), explain_os_errors(folder):
         files = _write_members(folder, members, next((one.traffic for one in every if one.traffic), ""))

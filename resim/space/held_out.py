@@ -23,7 +23,7 @@ def held_out_calibration(
     draws = dict(zip(space.rows["scenario"].astype(str), scenario_draws(space.rows).tolist(), strict=True))
     seen = {draws.get(one) for one in told}
     same = {name for name, draw in draws.items() if draw in seen}
-    scenarios = sorted(same.union(overlapping(space.rows, told)))
+    scenarios = same.union(overlapping(space.rows, told))
     # other seeds, variations, windows and views of what is held out would tell how it ends
     others = members[~members["origin"].isin([*alike, *scenarios])]
     risks = predicted_risks(space, others, build, scenarios)

@@ -183,6 +183,10 @@ def _why(case: ReleaseCase, k: int, risk: RiskLimit) -> str:
     if one.scenarios < case.limits.least_scenarios:
         some = counted(one.scenarios, "scenario")
         return f"members of {some} count, at least {case.limits.least_scenarios} are needed"
+    if one.missing:
+        return (
+            f"{counted(one.missing, 'scenario')} of it {'was' if one.missing == 1 else 'were'} not simulated"
+        )
     return "its risk is not calibrated: there are not enough held-out drives with such a risk"
 
 

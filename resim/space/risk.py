@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,10 +62,12 @@ class ClusterRisk:
         not_counted: Simulated members that do not.
         unknown: Of both, how many have no known risk or end: they count as accidents.
         collided: Of those that count, how many collided.
+        missing: Draws of its scenarios of which there is no member at all, and that are not held out: nobody tried
+            whether the function collides in them, so that they may be accidents.
         risk: Expected accidents a scenario: mean over draws of which a measured or simulated member counts; NaN of
             none. The interval is that of as many scenarios as there are draws.
-        draws: Risk of each draw, the largest first, then those of which nothing counts: these may make it worse, never
-            better.
+        draws: Risk of each draw of its scenarios, the largest first, then those of which nothing counts, and of other
+            recordings: these may make it worse, never better.
         worst: The worst members of all.
         why: Reasons for which members do not count, with how many.
     """
@@ -77,6 +79,7 @@ class ClusterRisk:
     not_counted: int
     unknown: int
     collided: int
+    missing: int
     risk: IntervalEstimate
     draws: tuple[DrawRisk, ...]
     worst: tuple[WorstMember, ...]
@@ -140,31 +143,41 @@ class CoverReport:
     notes: tuple[str, ...]
 
 
-def cluster_risks(space: Space, members: pd.DataFrame, build: str) -> tuple[ClusterRisk, ...]:
-    """Give the risk of every cluster. members: as of members.parquet; build: its hash."""
+def cluster_risks(
+    space: Space, members: pd.DataFrame, build: str, held: Set[str] = frozenset()
+) -> tuple[ClusterRisk, ...]:
+    """Give the risk of every cluster.
+
+    members: as of members.parquet; build: its hash; held: scenarios of the space that are held out, so that nothing of
+    them is missing.
+    """
     of_unknown = (space.rows["build"] == UNKNOWN_BUILD).to_numpy(bool)
-    doubtful = space.unsure | of_unknown
-    rows = space.rows.assign(doubtful=doubtful, draw=scenario_draws(space.rows))
+    rows = space.rows.assign(doubtful=space.unsure | of_unknown, draw=scenario_draws(space.rows))
+    excused = set(rows["draw"][rows["scenario"].isin(held)])
     own = rows[((rows["build"] == build) | of_unknown) & (build != "")]
-    driven = dict(tuple(own.groupby("cluster")))
-    simulated = dict(tuple(members.groupby("cluster")))
-    names = rows["cluster"].astype(str).unique().tolist()
+    driven, simulated = dict(tuple(own.groupby("cluster"))), dict(tuple(members.groupby("cluster")))
     return tuple(
-        _cluster_risk(name, driven.get(name, own.iloc[:0]), simulated.get(name, members.iloc[:0]))
-        for name in names
+        _cluster_risk(
+            str(name),
+            driven.get(name, own.iloc[:0]),
+            simulated.get(name, members.iloc[:0]),
+            set(draws),
+            excused,
+        )
+        for name, draws in rows.groupby("cluster", sort=False)["draw"]
     )
 
 
 def predicted_risks(
-    space: Space, members: pd.DataFrame, build: str, held: Iterable[str]
+    space: Space, members: pd.DataFrame, build: str, held: Set[str]
 ) -> tuple[ClusterRisk, ...]:
     """Give the risk of every cluster without drives that are held out: they say nothing of how they end themselves.
 
     held: scenarios of the space that are held out.
     """
     rows = space.rows
-    driven_by = rows["build"].where(~rows["scenario"].isin(set(held)), "")
-    return cluster_risks(replace(space, rows=rows.assign(build=driven_by)), members, build)
+    driven_by = rows["build"].where(~rows["scenario"].isin(held), "")
+    return cluster_risks(replace(space, rows=rows.assign(build=driven_by)), members, build, held)
 
 
 def member_risks(members: pd.DataFrame) -> Floats:
@@ -174,24 +187,33 @@ def member_risks(members: pd.DataFrame) -> Floats:
     return np.where(np.isnan(risk) | (collided != 0.0), 1.0, np.clip(np.nan_to_num(risk), 0.0, 1.0))
 
 
-def _cluster_risk(name: str, driven: pd.DataFrame, members: pd.DataFrame) -> ClusterRisk:
+def _cluster_risk(
+    name: str, driven: pd.DataFrame, members: pd.DataFrame, draws: Set[str], excused: Set[str]
+) -> ClusterRisk:
+    """The risk of a cluster whose scenarios are of such draws, of which those that are held out are excused."""
+    outside = members["counts"] & ~members["draw"].isin(draws)
+    members = members.assign(
+        counts=members["counts"] & ~outside,
+        why=members["why"].where(~outside, "its recording is no scenario of the space"),
+    )
     counts = members["counts"].to_numpy(bool)
     sure = driven[~driven["doubtful"].to_numpy(bool)]
     hit = sure["collided"].fillna(True).to_numpy(bool)
     of_known = members["risk"].notna() & members["collided"].notna()
     reasons = members["why"][~counts].astype(str).value_counts()
-    draws = _draws(driven, members)
-    known = [one.risk for one in draws if not np.isnan(one.risk)]
+    missing = len(draws - excused - set(members["draw"]) - set(driven["draw"]))
+    found = _draws(driven, members) + (DrawRisk(np.nan, 0.0, 1.0),) * missing
+    known = [one.risk for one in found if not np.isnan(one.risk)]
     return ClusterRisk(
         name, len(sure), int(hit.sum()), int(counts.sum()), int((~counts).sum()),
         int((~of_known)[counts].sum()) + int(sure["collided"].isna().sum()),
-        int(members[counts]["collided"].fillna(False).sum()), share(float(sum(known)), float(len(known))), draws,
-        _worst(members), {str(why): int(count) for why, count in sorted(reasons.items())},
+        int(members[counts]["collided"].fillna(False).sum()), missing, share(float(sum(known)), float(len(known))),
+        found, _worst(members), {str(why): int(count) for why, count in sorted(reasons.items())},
     )  # fmt: skip
 
 
 def _draws(driven: pd.DataFrame, members: pd.DataFrame) -> tuple[DrawRisk, ...]:
-    """The risk of each draw of a cluster."""
+    """The risk of each draw of a cluster of which there is a member."""
     unknown = (members["risk"].isna() | members["collided"].isna()).to_numpy(bool)
     values, ended = member_risks(members), driven["collided"]
     n = len(members)

@@ -84,16 +84,17 @@ def test_draws_are_those_of_a_plain_loop(windows: list[tuple[int, int, int, int]
     assert scenario_draws(rows).tolist() == [f"s{k}" for k in label]
 
 
-def test_seeds_and_variations_of_one_recording_are_one_scenario(space: Space) -> None:
-    bare = replace(space, rows=space.rows.assign(build=""))
+def test_seeds_and_variations_of_one_recording_are_one_scenario() -> None:
+    bare = space_of([KINDS[0]] * 40)
     runs = [SimulatedRun(str(k), "run", "b", "", float(k == 3), k == 3, same=str(k)) for k in range(40)]
-    found = first_cluster(bare, runs, of_one_kind(["run"]))
+    found = first_cluster(bare, runs, of_one_kind(["run"], {"run": "one_0"}))
     assert (found.counted, found.scenarios) == (40, 1)
     assert found.risk.value == pytest.approx(1 / 40)
     assert (found.risk.low, found.risk.high) == pytest.approx(tuple(float(x) for x in exact(1 / 40, 1.0)))
     keys = [f"r{k}" for k in range(40)]
     apart = [replace(run, recording=key) for run, key in zip(runs, keys, strict=True)]
-    assert first_cluster(bare, apart, of_one_kind(keys)).scenarios == 40
+    scenarios = {key: f"one_{k}" for k, key in enumerate(keys)}
+    assert first_cluster(bare, apart, of_one_kind(keys, scenarios)).scenarios == 40
 
 
 def test_a_run_of_a_test_drive_is_no_further_scenario_beside_it(space: Space) -> None:
@@ -108,7 +109,8 @@ def test_a_run_of_a_test_drive_is_no_further_scenario_beside_it(space: Space) ->
         [run], of_one_kind(["run"], drive={"run": "whole"}),
     )  # fmt: skip
     other = first_cluster(space, [run], of_one_kind(["run"]))
-    assert [one.scenarios for one in (alone, as_scenario, as_drive, as_part, other)] == [4, 4, 4, 4, 5]
+    assert [one.scenarios for one in (alone, as_scenario, as_drive, as_part, other)] == [4] * 5
+    assert [one.counted for one in (alone, as_scenario, as_drive, as_part, other)] == [0, 1, 1, 1, 0]
     assert {one.draws[0].risk for one in (as_scenario, as_drive, as_part)} == {0.25}
 
 

@@ -145,7 +145,7 @@ def test_a_held_out_half_agrees_where_nothing_changes_and_not_where_all_does() -
 
 def cluster_risk(name: str, values: np.ndarray) -> ClusterRisk:
     draws = tuple(DrawRisk(value, value, value) for value in np.sort(values)[::-1].tolist())
-    return ClusterRisk(name, 0, 0, len(values), 0, 0, 0, UNKNOWN, draws, (), {})
+    return ClusterRisk(name, 0, 0, len(values), 0, 0, 0, 0, UNKNOWN, draws, (), {})
 
 
 def test_expected_accidents_are_held() -> None:

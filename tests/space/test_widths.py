@@ -16,6 +16,7 @@ from resim.space.build import build_space
 from resim.space.calibration import EDGES, reliability
 from resim.space.comparison import compare_spaces, together
 from resim.space.described import report
+from resim.space.draws import scenario_draws
 from resim.space.limits import ReleaseLimits
 from resim.space.members import MEMBER_COLUMNS
 from resim.space.release import decide
@@ -57,9 +58,11 @@ def test_no_interval_has_width_zero(
 ) -> None:  # fmt: skip
     named = [KINDS[k] for k in kinds]
     space = build_space([source("one", named, 1, hours, "b", together_)])
+    draws = dict(tuple(space.rows.assign(draw=scenario_draws(space.rows)).groupby("cluster")["draw"]))
     rows = [
-        (f"{name}:{k}", "o", f"{name} {k}", name, "d", 0.1, risk, risk == 1.0, counts, "", "repeat")
-        for name in sorted(set(space.rows["cluster"])) for k, risk in enumerate(risks)
+        (f"{name}:{k}", "o", draws[name].iloc[k % len(draws[name])], name, "d", 0.1, risk, risk == 1.0, counts, "",
+         "repeat")
+        for name in sorted(draws) for k, risk in enumerate(risks)
     ]  # fmt: skip
     members = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS)).astype(
         {"collided": "boolean", "risk": float, "counts": bool}

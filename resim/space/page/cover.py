@@ -59,7 +59,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
     rows = [
         [one.cluster, interval(exposure[one.cluster].per_hour), interval(exposure[one.cluster].per_kilometre),
          _risk(found, one), f"{one.measured_collided} of {one.measured}", f"{one.collided} of {one.counted}",
-         str(one.scenarios), str(one.not_counted), _why(one), exposure[one.cluster].medoid]
+         str(one.scenarios), str(one.missing), str(one.not_counted), _why(one), exposure[one.cluster].medoid]
         for one in order[:LISTED]
     ]  # fmt: skip
     heads = [
@@ -70,6 +70,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
         "driven, collided",
         "simulated, collided",
         "of scenarios",
+        "not simulated",
         "do not count",
         "why",
         "test case",
