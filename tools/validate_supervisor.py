@@ -1,6 +1,6 @@
 """Does the Supervisor lose tasks, and does it keep up?
 
-    python tools/validate_supervisor.py [--kills 50] [--users 50] [--requests 150000]
+    python tools/validate_supervisor.py [--kills 50] [--users 50] [--rounds 3] [--requests 150000]
 
 Kills: two servers on one catalog do tasks, while every second a server, or the process of a task, is killed by SIGKILL
 and servers are started again; afterwards each task must have ended, each attempt must have been made once, and none
@@ -49,8 +49,6 @@ PAGES = (
     "/lake?text=pilot",
     "/jobs/run",
 )
-ROUNDS = 3
-"""Sweeps without and with users, in turns."""
 CLIENTS = 8
 """That ask at once, without a pause."""
 
@@ -64,6 +62,13 @@ def start(tasks: Path, jobs: int) -> tuple[subprocess.Popen[str], str, str]:
     found = re.fullmatch(r"(\S+)/\?token=(\S+)\n", server.stdout.readline())
     assert found is not None
     return server, found[1], found[2]
+
+
+def home_of(page: str) -> str:
+    """Give with what all addresses of a session begin, of the page that lets it in."""
+    found = re.search(r"url=(/[0-9a-f]{32})/", page)
+    assert found is not None
+    return found[1]
 
 
 def end(server: subprocess.Popen[str]) -> None:
@@ -160,7 +165,8 @@ async def ask(address: str, token: str, users: int, running: asyncio.Event) -> l
     async with httpx2.AsyncClient(
         base_url=address, timeout=60.0, limits=httpx2.Limits(max_connections=users)
     ) as client:
-        (await client.get("/", params={"token": token})).raise_for_status()
+        entered = (await client.get("/", params={"token": token})).raise_for_status()
+        client.base_url = address + home_of(entered.text)
 
         async def user(k: int) -> None:
             chance = random.Random(k)
@@ -174,7 +180,7 @@ async def ask(address: str, token: str, users: int, running: asyncio.Event) -> l
     return took
 
 
-def load(folder: Path, users: int) -> None:
+def load(folder: Path, users: int, rounds: int) -> None:
     """Run sweeps as tasks, in turns with and without users, and say how long pages and sweeps took."""
     catalog = Catalog(os.environ["RESIM_CATALOG"])
     queue, tasks = TaskQueue(catalog), folder / "tasks"
@@ -195,7 +201,11 @@ def load(folder: Path, users: int) -> None:
         times.setdefault("share", []).append(share)
         return found
 
-    for which in ("warm", *("without", "with") * ROUNDS):
+    for which in (
+        "warm",
+        *("without", "with", "with", "without") * (rounds // 2),
+        *("without", "with") * (rounds % 2),
+    ):
         name = put(queue, tasks, "sweep", "run", "--workers=1", str(sweep), out=True)
         if which == "with":
             took += asyncio.run(with_users(name))
@@ -224,12 +234,13 @@ def memory(folder: Path, requests: int) -> None:
     server, address, token = start(tasks, 1)
     process, grown, done = psutil.Process(server.pid), [], threading.Event()
     with httpx2.Client(base_url=address, timeout=60.0) as client:
-        client.get("/", params={"token": token}).raise_for_status()
-        while not (found := re.findall(r'href="(/experiments/\w+)"', client.get("/experiments").text)):
+        home = home_of(client.get("/", params={"token": token}).raise_for_status().text)
+        client.base_url = address + home
+        while not (found := re.findall(r'href="/\w+(/experiments/\w+)"', client.get("/experiments").text)):
             time.sleep(1.0)
-        results = re.findall(r'href="(/results/\w+)"', client.get("/results").text)
+        results = re.findall(r'href="/\w+(/results/\w+)"', client.get("/results").text)
         cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
-    asking = [Asking(address, cookie, [*found, *results], k) for k in range(CLIENTS)]
+    asking = [Asking(address, home, cookie, [*found, *results], k) for k in range(CLIENTS)]
     grown.append(process.memory_info().rss / 1e6)
     before = sum(process.cpu_times()[:2])
     begin, threads = time.monotonic(), [threading.Thread(target=one.ask, args=(done,)) for one in asking]
@@ -263,8 +274,9 @@ def memory(folder: Path, requests: int) -> None:
 class Asking:
     """A client with an address of its own that asks for one page after the other. took [s]: by each of them."""
 
-    def __init__(self, address: str, cookie: str, things: list[str], number: int) -> None:
+    def __init__(self, address: str, home: str, cookie: str, things: list[str], number: int) -> None:
         self._place, self._cookie, self._things = address.partition("://")[2], cookie, things
+        self._home = home
         self._chance, self._from = random.Random(number), f"127.0.0.{number + 2}"
         self.took: list[float] = []
         self.fault = ""
@@ -294,7 +306,7 @@ class Asking:
         return HTTPConnection(self._place, timeout=60.0, source_address=(self._from, 0))
 
     def _sent(self, held: HTTPConnection, path: str) -> HTTPResponse:
-        held.request("GET", path, headers={"cookie": self._cookie})
+        held.request("GET", self._home + path, headers={"cookie": self._cookie})
         return held.getresponse()
 
 
@@ -302,13 +314,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--users", type=int, default=50)
+    parser.add_argument("--rounds", type=int, default=3, help="sweeps without users, and as many with them")
     parser.add_argument("--requests", type=int, default=150_000)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         for part, job in (
             ("kills", lambda f: kills(f, given.kills, given.seed)),
-            ("users", lambda f: load(f, given.users)),
+            ("users", lambda f: load(f, given.users, given.rounds)),
             ("requests", lambda f: memory(f, given.requests)),
         ):
             if getattr(given, part):

@@ -21,6 +21,7 @@ import typer
 from typer.core import TyperGroup
 
 from resim import __version__
+from resim.cli.parameters import noted
 from resim.cli.terminal import OutputSettings, output_as, say
 from resim.core.errors import FunctionError, InputError, ResimError, StopError
 from resim.core.files import refuse_undecodable
@@ -166,11 +167,12 @@ def command(group: typer.Typer, name: str | None = None, **options: Any) -> Call
             for word, kind in (("as_json", AsJson), ("quiet", Quiet), ("verbose", Verbose))
         ]
 
-        def told(*, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> None:
-            with output_as(OutputSettings(as_json, quiet, verbose)):
+        def told(*, context: typer.Context, as_json: bool, quiet: bool, verbose: bool, **given: Any) -> None:
+            with output_as(OutputSettings(as_json, quiet, verbose)), noted(job, given, context):
                 job(**given)
 
-        parameters = [*(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own), *shared]
+        called = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+        parameters = [called, *(p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own), *shared]
         told.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         told.__annotations__ = {p.name: p.annotation for p in parameters}
         told.__name__, told.__doc__ = job.__name__, job.__doc__

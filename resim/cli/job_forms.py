@@ -9,8 +9,6 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin
 
-from typer.models import ArgumentInfo
-
 from resim.cli.inputs import (
     A_BUILD,
     A_CRITERIA,
@@ -23,6 +21,7 @@ from resim.cli.inputs import (
     A_SWEPT,
 )
 from resim.cli.offered import OFFERED, OfferedJob
+from resim.cli.parameters import option_of
 from resim.results.entry import KINDS
 from resim.simulation.vehicles.registry import VEHICLES
 from resim.supervisor.forms import FieldKind, FormField, JobForm
@@ -88,7 +87,7 @@ def _field(job: str, offered: OfferedJob, parameter: inspect.Parameter) -> FormF
     is_left_out = name in _LEFT_OUT or (job, name) in _ELSEWHERE or name not in (offered.only or (name,))
     choices = _choices(kind_of, name)
     kind = "page" if name in _PAGES and kind_of is Path else _kind(kind_of, choices)
-    option, off = _option(info, name, kind)
+    option, off = option_of(info, name, is_flag=kind == "flag")
     if is_left_out or option == offered.out != "":
         return None
     is_file = kind in ("file", "choice")
@@ -101,17 +100,6 @@ def _field(job: str, offered: OfferedJob, parameter: inspect.Parameter) -> FormF
         name, info.help or "", kind, option, _PAGES.get(name, off), of, patterns, _WITHIN.get(name, ""),
         (job, name) in _OWN, required, many, size, _default(default, kind), choices, info.min, info.max,
     )  # fmt: skip
-
-
-def _option(info: Any, name: str, kind: FieldKind) -> tuple[str, str]:
-    """How the command line names a parameter, and what switches it off, "" where nothing does."""
-    if isinstance(info, ArgumentInfo):
-        return "", ""
-    words = [
-        w for w in (info.default, *(info.param_decls or ())) if isinstance(w, str) and w.startswith("--")
-    ]
-    option = words[0].partition("/")[0] if words else f"--{name.replace('_', '-')}"
-    return option, f"--no-{option.removeprefix('--')}" if kind == "flag" and not words else ""
 
 
 def _plain(kind: Any) -> tuple[Any, bool, int]:

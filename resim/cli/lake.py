@@ -188,6 +188,44 @@ def crate(
 
 
 @command(lake)
+def builds() -> None:
+    """List the builds that results name, with the id of each."""
+    from resim.jobs.builds import list_builds
+    from resim.jobs.lake import the_catalog
+
+    found = list_builds(the_catalog())
+    add_to_json(builds=found)
+    for one in found:
+        say(visible(f"{one.id[:SHORT]} {one.label} {one.hash[:SHORT] or '–'}: {one.results} results"))
+
+
+@command(lake)
+def compare(
+    one: Annotated[
+        str, typer.Argument(help="Label of the older build, or the first digits of its id or hash.")
+    ],
+    other: Annotated[str, typer.Argument(help="The same of the newer build.")],
+) -> None:
+    """Compare what came out for two builds, recording by recording, what got worse first; nothing is simulated.
+
+    Outcomes are compared under equal circumstances alone: criteria, models, seeds, settings. `resim verify --against`
+    runs both in the same scenarios.
+    """
+    from resim.jobs.builds import compare_builds
+    from resim.jobs.lake import the_catalog
+
+    found = compare_builds(the_catalog(), one, other)
+    add_to_json(pairs=[{**asdict(pair), "change": pair.change} for pair in found])
+    for pair in found:
+        both = " and ".join((o.verdict or "not judged") if o else "nothing" for o in (pair.one, pair.other))
+        why = "; ".join(pair.differs) or pair.note
+        of = f"{pair.recording}, {pair.kind} {pair.source}".strip()
+        say(visible(f"{pair.change}: {of}: {both}{f' ({why})' if why else ''}"))
+    if not found:
+        say("there is no outcome of either")
+
+
+@command(lake)
 def mirror(
     store: Annotated[
         str, typer.Argument(help="Tracking store of MLflow, such as sqlite:///mlflow.db or http://HOST:5000.")
@@ -274,6 +312,7 @@ def _print_links(links: LakeLinks) -> None:
     from rich.table import Table
 
     from resim.cli.verdicts import console
+    from resim.results.circumstances import FACET
 
     entry, out = links.entry, console()
     told = {
@@ -289,7 +328,7 @@ def _print_links(links: LakeLinks) -> None:
             out.print(f"{name:9} {visible(text)}", highlight=False, soft_wrap=True)
     if entry.facts:
         facts = Table("fact", "which", "how much", title="known of it")
-        for fact in entry.facts:
+        for fact in (f for f in entry.facts if f.facet != FACET):
             facts.add_row(fact.facet, visible(fact.name), "" if fact.value is None else f"{fact.value:.4g}")
         out.print(facts)
     came = Table("came from", "name", "content", "path", title="what it came from")

@@ -130,6 +130,7 @@ OFFERED: Mapping[str, OfferedJob] = {
 NOT_OFFERED: Mapping[tuple[str, ...], str] = {
     ("serve",): "is the Supervisor",
     ("demo",): "is for a terminal; `resim serve --demo` shows the same in the browser",
+    ("tasks",): "steers tasks: the page of tasks does the same",
     ("users",): "gives tokens: who may do that is on the machine itself",
     ("lake",): "registers folders, which pages must not do; finding and showing are pages",
     ("runs",): "lists, shows and removes results: pages show them, and none deletes files",

@@ -193,14 +193,12 @@ def _packed(one: _Known, above: Path, new: Path, known: Mapping[str, _Known]) ->
     origin = read_origin(entry.folder, entry.kind) if entry.kind in KINDS else ResultOrigin()
     return ChainLink(
         entry.id, entry.kind, entry.name, entry.digest, files, "", one.origins, origin.versions, origin.settings,
-        entry.written, _again(entry, above, known, origin.settings),
+        entry.written, _again(entry, above, known),
     )  # fmt: skip
 
 
-def _again(entry: CatalogEntry, above: Path, known: Mapping[str, _Known], settings: Mapping[str, str]) -> str:
+def _again(entry: CatalogEntry, above: Path, known: Mapping[str, _Known]) -> str:
     """The command that makes a result again from the files of the crate, "" where there is none."""
-    by_hash = {one.entry.digest: one.entry for one in known.values()}
-    paths = {
-        i.role: os.path.relpath(by_hash[i.hash].folder, above) for i in entry.inputs if i.hash in by_hash
-    }
-    return shlex.join(again(entry, paths, settings))
+    places = {one.entry.digest: os.path.relpath(one.entry.folder, above) for one in known.values()}
+    words = again(entry, places.get)
+    return "" if any(word.startswith("/") for word in words) else shlex.join(words)  # outside of the crate

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import platform
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pandas as pd
 
 from resim.core.errors import InputError
 from resim.jobs.given import path_of
+from resim.results.asked import read_asked, words_of
 from resim.results.backup import back_up, restore
 from resim.results.catalog import Catalog, user_catalog
 from resim.results.database import VARIABLE, data_folder
@@ -197,61 +199,31 @@ def links_of(lake: Catalog, entry: CatalogEntry) -> LakeLinks:
     origins = tuple((i, tuple(known.get(i.hash, ()))) for i in entry.inputs)
     after = find_page(lake, LakeQuery(hashes=contents_of(entry)), most=LINKED) if entry.digest else None
     origin = read_origin(entry.folder, entry.kind) if entry.kind in KINDS else ResultOrigin()
-    command = _command(entry, origins, origin)
+    command = shlex.join(again(entry, lambda digest: _place_of(lake, digest)))
     return LakeLinks(
         entry, origins, after.items if after else (), after.count if after else 0, command, origin
     )  # fmt: skip
 
 
-_AGAIN = {
-    "run": ("run {recording}", {"build": "--build", "perception": "--perception", "criteria": "--criteria"}),
-    "verification": (
-        "verify {suite}", {"build": "--build", "against": "--against", "perception": "--perception"},
-    ),
-}  # fmt: skip
-"""Commands that make results again, and the options of what went in."""
-_SET: Mapping[str, Mapping[str, tuple[str, str]]] = {
-    "run": {
-        "vehicle": ("--vehicle", "kinematic"), "seed": ("--seed", "0"), "step": ("--step", "0.04"),
-        "lead_in": ("--lead-in", "3.0"), "seeds": ("--seeds", "20"),
-    },
-    "verification": {"vehicle": ("--vehicle", "kinematic")},
-}  # fmt: skip
-"""Options of settings, and what holds without them."""
-
-
-def _command(
-    entry: CatalogEntry, origins: Iterable[tuple[CatalogInput, tuple[LakeItem, ...]]], origin: ResultOrigin
-) -> str:
-    """The command that makes a result again: of files whose content the lake has, "" where one is missing."""
-    paths = {i.role: found[0].folder for i, found in origins if found}
-    return shlex.join(again(entry, paths, origin.settings))
-
-
-def again(entry: CatalogEntry, paths: Mapping[str, str], settings: Mapping[str, str]) -> list[str]:
-    """Give the words of the command that makes a result again.
+def again(entry: CatalogEntry, find: Callable[[str], str | None]) -> list[str]:
+    """Give the words of the command that makes results again.
 
     Args:
-        entry: The result.
-        paths: Of what it came from, by role.
-        settings: With which it was made, by name.
+        entry: The results.
+        find: Gives where a content lies, by its hash; None for one that is nowhere.
 
     Returns:
-        The words; none where there is no such command, or something is missing.
+        The words; none where nobody wrote down how they were asked for, or a file is nowhere with the content that it
+        had.
     """
-    if entry.kind not in _AGAIN or settings.get("traffic", "traces") != "traces":
-        return []  # of traffic that reacts no file tells how
-    words, options = _AGAIN[entry.kind]
-    main = words.partition("{")[2].rstrip("}")
-    needed = {i.role for i in entry.inputs} & {*options, main}
-    if main not in needed or not needed <= paths.keys():
-        return []
-    command = ["resim", words.partition(" ")[0], paths[main]]
-    for role, option in options.items():
-        command += [option, paths[role]] if role in needed else []
-    for name, (option, default) in _SET[entry.kind].items():
-        command += [option, told] if (told := settings.get(name, default)) != default else []
-    return command
+    asked = read_asked(entry) if entry.kind in KINDS else None
+    return [] if asked is None else words_of(asked, find)
+
+
+def _place_of(lake: Catalog, digest: str) -> str | None:
+    """Where something with a content lies, on this machine if it does."""
+    found = with_content(lake, [digest]).get(digest, ())
+    return next((i.folder for i in sorted(found, key=lambda i: i.host != platform.node())), None)
 
 
 def lake_backup(file: str | Path, *, catalog: str | None = None) -> dict[str, int]:

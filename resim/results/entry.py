@@ -87,8 +87,8 @@ class CatalogFact:
     """Something that is known of a recording, a scenario or a result.
 
     hash: of the content that it is true of, "" for the entry itself. facet: name (that a recording gives itself),
-    table, weather, tag, finding, maneuver, scenarios, risk, member, report. name: which; value: how much, how often,
-    None where that says nothing.
+    table, weather, tag, finding, maneuver, scenarios, risk, member, report, circumstances. name: which; value: how
+    much, how often, None where that says nothing.
     """
 
     facet: str

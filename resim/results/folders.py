@@ -40,18 +40,18 @@ LONGEST_NAME = 230
 HALF = re.compile(r"\..+\.\d+\.new")
 """A file that was being written when its process was killed."""
 
-RUN = FolderKind("run.json", re.compile(r"(run|assessment)\.json|report\.html|kpis\.parquet"))
-ASSESSMENT = FolderKind("assessment.json", re.compile(r"assessment\.(json|html)|kpis\.parquet"))
+RUN = FolderKind("run.json", re.compile(r"(run|assessment|asked)\.json|report\.html|kpis\.parquet"))
+ASSESSMENT = FolderKind("assessment.json", re.compile(r"assessment\.(json|html)|asked\.json|kpis\.parquet"))
 CONVERSION = FolderKind("conversion.json", re.compile(r"conversion\.json|map\.html"))
 EXPORT = FolderKind("export.json", re.compile(r"export\.json"))
 VERIFICATION = FolderKind(
     "inputs.json",
-    re.compile(rf"inputs\.json|(verification\.(html|json)|junit\.xml)(\.previous)?|{HALF.pattern}"),
+    re.compile(rf"(inputs|asked)\.json|(verification\.(html|json)|junit\.xml)(\.previous)?|{HALF.pattern}"),
     {"cases": HALF, "drives": HALF, "reports": HALF},
 )
 SWEEP = FolderKind(
     "sweep.json",
-    re.compile(rf"(sweep|manifest|report)\.json|report\.html|times\.parquet|{HALF.pattern}"),
+    re.compile(rf"(sweep|manifest|report|asked)\.json|report\.html|times\.parquet|{HALF.pattern}"),
     {
         "runs": re.compile(rf"part-\d+\.parquet|{HALF.pattern}"),
         "journal": re.compile(r"\d+-of-\d+\.jsonl(\.refused\d*)?"),
@@ -61,7 +61,7 @@ VARIATIONS = FolderKind("variations.json", re.compile(r"variations\.(json|html)"
 
 MINING = FolderKind(
     "mined.json",
-    re.compile(rf"\.?mined\.(json|html)|\.?(maneuvers|scenarios|slots)\.parquet|{HALF.pattern}"),
+    re.compile(rf"\.?mined\.(json|html)|asked\.json|\.?(maneuvers|scenarios|slots)\.parquet|{HALF.pattern}"),
     deep={
         "parts": re.compile(r"[^/]+/\.?((part|cut)\.json|(maneuvers|scenarios|overview|slots)\.parquet)"),
         "pages": re.compile(r"\.?[^/]+\.html|scripts\.css"),
@@ -72,7 +72,9 @@ MINING = FolderKind(
 
 SPACE = FolderKind(
     "space.json",
-    re.compile(rf"space\.(json|html)|cover\.(json|html)|members\.parquet|traffic\.toml|{HALF.pattern}"),
+    re.compile(
+        rf"(space|asked)\.json|space\.html|cover\.(json|html)|members\.parquet|traffic\.toml|{HALF.pattern}"
+    ),
 )
 RELEASE = FolderKind("release.json", re.compile(r"release\.(json|html)"))
 COMPARISON = FolderKind("comparison.json", re.compile(r"comparison\.(json|html)"))

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from resim.core.errors import InputError, ResimError
-from resim.core.files import file_hash, joined
+from resim.core.files import file_hash, joined, parse_json, read_file
 from resim.core.sealed import read_sealed
 from resim.recordings.settings import SETTINGS, Settings, read_settings
 from resim.results.entry import NAME, CatalogEntry, CatalogFact, CatalogInput, InputKind, digest, stamps
@@ -23,6 +23,8 @@ from resim.results.reading import written
 
 LARGEST = 1_000_000
 """Bytes of the largest file that a person writes."""
+LARGEST_SCENARIO = 100_000_000
+"""Bytes of the largest scenario that is read."""
 LONGEST = 200
 """Letters of a tag that are kept."""
 _TABLES = ("gt", "sd", "plan")
@@ -174,9 +176,19 @@ def _map(path: Path) -> _Contents:
 
 def _scenario(path: Path) -> _Contents:
     mined, origin = _origin(path)
+    roads = [path.parent / name for name in _map_of(path)]
+    inputs = [CatalogInput("map", road.stem, str(road), file_hash(road)) for road in roads if road.is_file()]
     return _Contents(
-        path.name.removesuffix(".jscen.json"), file_hash(path), tuple(origin), files=tuple(mined)
-    )
+        path.name.removesuffix(".jscen.json"), file_hash(path), (*inputs, *origin),
+        files=(*mined, *(road.name for road in roads)),
+    )  # fmt: skip
+
+
+def _map_of(scenario: Path) -> list[str]:
+    """The map that a JSCEN file names, which lies beside it; nothing where it names none."""
+    told = parse_json(read_file(scenario, "Write it again.", largest=LARGEST_SCENARIO), scenario)
+    name = told.get("map") if isinstance(told, dict) else None
+    return [name] if isinstance(name, str) and name and "/" not in name and "\\" not in name else []
 
 
 def _build(path: Path) -> _Contents:

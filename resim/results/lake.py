@@ -38,6 +38,8 @@ SORTS: Mapping[SortKey, bool] = {"written": True, "name": False, "risk": True}
 ITEM_KINDS: tuple[ItemKind, ...] = tuple(
     kind for part in get_args(ItemKind) for kind in get_args(part) or (part,)
 )
+WITH_MAP: tuple[ItemKind, ...] = ("recording", "scenario", "run")
+"""Kinds that name their map themselves."""
 FEW = 10_000
 """Rows that are gathered and sorted, for each filter."""
 
@@ -52,7 +54,8 @@ class LakeQuery:
         kinds: Of which kind it is.
         tag: Beginning of KEY=VALUE in a recording's provenance.
         maneuver: Beginning of a label that was mined in it.
-        place: Beginning of the name of its map, or of the hash.
+        place: Beginning of the name of its map, or of the hash: its own, that of a recording that it follows from, or
+            what it is itself.
         weather: Beginning of KEY=VALUE in a recording's environment.
         finding: Beginning of a code that `resim check` finds.
         risk_above: Its accident risk is this or more.
@@ -215,15 +218,12 @@ def items_below(catalog: Catalog, folder: str, most: int) -> list[LakeItem]:
 def facts_of(catalog: Catalog, ids: Sequence[str], facet: str) -> dict[str, list[str]]:
     """Give the names of the facts of one facet, by id."""
     found: dict[str, list[str]] = {}
+    told = select(FACT.c.item, FACT.c.name, FACT.c.facet).order_by(FACT.c.item, FACT.c.row)
     with catalog.connected() as connection:
-        rows = (
-            select(FACT.c.item, FACT.c.name, FACT.c.facet)
-            .where(FACT.c.item.in_(ids))
-            .order_by(FACT.c.item, FACT.c.row)
-        )
-        for item, name, its in connection.execute(rows):
-            if its == facet:
-                found.setdefault(item, []).append(name)
+        for k in range(0, len(ids), AT_ONCE):
+            for item, name, its in connection.execute(told.where(FACT.c.item.in_(ids[k : k + AT_ONCE]))):
+                if its == facet:
+                    found.setdefault(item, []).append(name)
     return found
 
 
@@ -294,8 +294,10 @@ def _conditions(query: LakeQuery) -> list[_Condition]:
         found.append(_of_itself(ITEM.c.id == ""))  # nothing but signs: nothing is called so
     facets = ("tag", "maneuver", "weather", "finding")
     found += [_fact(f, text) for f in facets if (text := getattr(query, f).strip().lower())]
-    named = ((("map",), query.place.strip()), (("build", "against", "drove"), query.build.strip()))
-    found += [_named(roles, text) for roles, text in named if text]
+    if text := query.place.strip():
+        found.append(_place(text, query.kinds))
+    if text := query.build.strip():
+        found.append(_named(("build", "against", "drove"), text))
     if query.risk_above is not None:
         found.append(_of_itself(ITEM.c.risk >= query.risk_above))
     if query.risk_below is not None:
@@ -339,6 +341,23 @@ def _named(roles: tuple[str, ...], text: str) -> _Condition:
         return of(INPUT.c.role).in_(roles) & named
 
     return _by(INPUT.c.item, where)
+
+
+def _place(text: str, kinds: Sequence[ItemKind]) -> _Condition:
+    """On a map: of its own, or of what it follows from, such as a recording; and the map itself."""
+    direct = _named(("map",), text)
+    if kinds and {*kinds} <= {*WITH_MAP}:
+        return direct
+    there, on = ITEM.alias("there"), INPUT.alias("on")
+    named = or_(and_(*begins(on.c.name, text)), _digits(on.c.hash, text))
+    told = select(there.c.digest).join(on, on.c.item == there.c.id).where(on.c.role == "map", named)
+    itself = and_(
+        ITEM.c.kind == "map",
+        or_(and_(*begins(ITEM.c.name, text)), _digits(func.coalesce(ITEM.c.digest, ""), text)),
+    )
+    after = _by(INPUT.c.item, lambda of: of(INPUT.c.hash).in_(told.where(there.c.digest != "")))
+    rows = union_all(direct.rows, after.rows, select(ITEM.c.id).where(itself))
+    return _Condition(rows, or_(direct.tried, after.tried, itself))
 
 
 def _digits(column: ColumnElement[str], text: str) -> ColumnElement[bool]:

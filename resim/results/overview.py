@@ -57,11 +57,11 @@ class CatalogOverview:
         return [UsedInput(name, digest, n) for name, digest, n in counts if n]
 
     def newest_of(self, hashes: Iterable[str]) -> list[OutcomeOf]:
-        """Give the newest outcome of each recording with these contents, by kind of result and source; a comparison of
-        builds is another kind than a verification."""
+        """Give the newest outcome of each recording with these contents, by kind of result and source, the newest that
+        was judged and the newest that was not; a comparison of builds is another kind than a verification."""
         wanted = sorted({h for h in hashes if h})
         compared = exists().where(INPUT.c.item == ITEM.c.id, INPUT.c.role == "against")
-        of = (OUTCOME.c.hash, ITEM.c.kind, OUTCOME.c.source, compared)
+        of = (OUTCOME.c.hash, ITEM.c.kind, OUTCOME.c.source, compared, OUTCOME.c.verdict != "")
         number = (
             func.row_number()
             .over(partition_by=of, order_by=(ITEM.c.written.desc(), ITEM.c.id))

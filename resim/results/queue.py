@@ -28,6 +28,8 @@ SILENT = 60.0
 """s without a word of a server after which another one takes its tasks over."""
 PAUSING = "it is being stopped, to go on later"
 """What is told of a task that runs and is to pause."""
+LEAST = 4
+"""Digits of an id that name a task."""
 MOST_LOSSES = 2
 """How often a task begins anew by itself after its process was killed."""
 
@@ -111,6 +113,16 @@ class TaskQueue:
         if row is None:
             raise InputError(name, "is no task of the queue")
         return _task(row)
+
+    def find(self, wanted: str) -> str:
+        """Give the id of the task that begins so. Raises InputError where there is none, or several."""
+        begins = TASK.c.id.startswith(wanted, autoescape=True)
+        with self._begun() as connection:
+            found = connection.scalars(select(TASK.c.id).where(begins).limit(2)).all()
+        if len(wanted) < LEAST or len(found) != 1:
+            problem = "begins several ids" if len(found) > 1 else "is no task of the queue"
+            raise InputError(wanted, problem, f"Give {LEAST} or more digits that `resim tasks list` shows.")
+        return str(found[0])
 
     def unfinished(self) -> list[QueuedTask]:
         """Give all that pause, then all that run, then all that wait, each in the order in which they come."""

@@ -18,6 +18,7 @@ from resim.core.errors import InputError
 from resim.core.files import check_hashes, joined, parse_json, plain_names, read_file
 from resim.core.sealed import read_sealed
 from resim.core.spelling import counted
+from resim.results.circumstances import of_run, of_sweep, of_verification
 from resim.results.entry import (
     KINDS,
     REPORT,
@@ -129,7 +130,7 @@ def _run(folder: Path) -> _FolderContents:
     named = CatalogFact(REPORT, "report.json", hash=run["files"]["report.json"])
     return _FolderContents(
         report["recording"], run["versions"], verdict, _counts(found, JUDGED), inputs, tuple(found),
-        (*_risks(_blocks(assessed), told[0].hash), named),
+        (*_risks(_blocks(assessed), told[0].hash), named, of_run(run, report, assessed)),
     )  # fmt: skip
 
 
@@ -159,18 +160,18 @@ def _verification(folder: Path) -> _FolderContents:
     found = _sealed(folder / "verification.json")
     asked, told = found["inputs"], found["summary"]
     inputs = tuple(_verification_inputs(folder, asked))
-    label = asked["build"]["label"]
+    label, made = asked["build"]["label"], (of_verification(found),)
     outcomes = tuple(
         CatalogOutcome(r["name"], label, verdict=r["verdict"], cause=_cause(r)) for r in found["recordings"]
     )
     if asked["against"] is None:
         verdict = next(v for v in ("error", "not verified", "undecided", "invalid", "verified") if told[v])
         return _FolderContents(
-            asked["name"], found["versions"], verdict, _counts(outcomes, VERIFIED), inputs, outcomes
+            asked["name"], found["versions"], verdict, _counts(outcomes, VERIFIED), inputs, outcomes, made
         )
     verdict = "error" if told["error"] else "within limits" if told["good"] else "regresses"
     return _FolderContents(
-        asked["name"], found["versions"], verdict, _counts(outcomes, COMPARED), inputs, outcomes
+        asked["name"], found["versions"], verdict, _counts(outcomes, COMPARED), inputs, outcomes, made
     )
 
 
@@ -190,8 +191,9 @@ def _sweep(folder: Path) -> _FolderContents:
     }
     verdict = _overall(o.verdict for o in outcomes)
     return _FolderContents(
-        told["sweep"]["name"], manifest["versions"], verdict, counts, tuple(inputs), outcomes
-    )
+        told["sweep"]["name"], manifest["versions"], verdict, counts, tuple(inputs), outcomes,
+        (of_sweep(manifest),),
+    )  # fmt: skip
 
 
 def _mining(folder: Path) -> _FolderContents:

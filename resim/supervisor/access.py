@@ -1,4 +1,5 @@
-"""Who may come in: a token in the address, then a cookie; seals of forms and of pages that were written before."""
+"""Who may come in: a token in the address, then a cookie below an address of the session's own; seals of forms and of
+pages that were written before."""
 
 from __future__ import annotations
 
@@ -16,6 +17,8 @@ from resim.supervisor.users import Role, Users
 LIFE = 12 * 3600
 """s that a cookie, or the address of a page, is good for."""
 KEY_BYTES = 32
+HOME_DIGITS = 32
+"""Hexadecimal digits of the first part of the addresses of a session."""
 
 
 OWNER = ""
@@ -44,12 +47,16 @@ class Access:
         cookie: Name of the cookie, another one for each port: browsers keep one jar for all ports of a host.
     """
 
-    def __init__(self, key: bytes, port: int, users: Users, *, users_only: bool = False) -> None:
-        """key: of the cookies and seals; who keeps it lets those in again who were in before."""
+    def __init__(
+        self, key: bytes, port: int, users: Users, *, users_only: bool = False, secure: bool = False
+    ) -> None:
+        """key: of the cookies and seals; who keeps it lets those in again who were in before. secure: whether cookies
+        go by TLS alone.
+        """
         self._key, self._users = key, users
         shown: tuple[Role, ...] = () if users_only else ("administer", "look")
         self.tokens: dict[Role, str] = {role: secrets.token_urlsafe(24) for role in shown}
-        self.cookie = f"resim_{port}"
+        self.cookie = f"{'__Secure-' if secure else ''}resim_{port}"
 
     def visitor(self, token: str) -> Visitor | None:
         """Give who comes with a token, of this server or of a user; None for any other text."""
@@ -65,7 +72,19 @@ class Access:
         known = None if visitor.name == OWNER else self._users.all().get(visitor.name)
         mark = "" if known is None else known.mark
         told = f"{int(time.time()) + LIFE}.{visitor.role}.{visitor.name}.{mark}.{secrets.token_hex(8)}"
-        return f"{told}.{self._seal('session', told)}"
+        return f"{told}.{self._seal(self.cookie, told)}"
+
+    def home(self, session: str) -> str:
+        """Give with what the path of each address of a session begins.
+
+        A browser sends a cookie to all ports of a host, but below its path alone, and who listens on another port
+        cannot guess this one.
+        """
+        return f"/{self._seal('home', session)[:HOME_DIGITS]}"
+
+    def is_home(self, session: str, given: str) -> bool:
+        """Say whether an address is one of this session."""
+        return hmac.compare_digest(given.encode(errors="replace"), self.home(session).encode())
 
     def session(self, value: str) -> Visitor | None:
         """Give whose a cookie of this key is that is still good; None for any other text.
@@ -73,7 +92,7 @@ class Access:
         A user has the role that is his now; without him, or with another token of his, it is good no more.
         """
         told, _, seal = value.rpartition(".")
-        good = hmac.compare_digest(seal.encode(errors="replace"), self._seal("session", told).encode())
+        good = hmac.compare_digest(seal.encode(errors="replace"), self._seal(self.cookie, told).encode())
         parts = told.split(".")
         if not good or len(parts) != 5 or not _is_ahead(parts[0]):
             return None

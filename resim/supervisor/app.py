@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from starlette.applications import Starlette
@@ -30,6 +32,7 @@ from starlette.types import ASGIApp
 
 from resim import __version__
 from resim.core.errors import InputError, ResimError
+from resim.results.tones import tone
 from resim.supervisor import actions, words
 from resim.supervisor.events import stream
 from resim.supervisor.forms import FormError
@@ -42,6 +45,8 @@ from resim.supervisor.runner import LOG
 from resim.supervisor.views import KEPT, PAGES
 from resim.supervisor.views.common import MissingError, document_of, task_of
 
+PART = 1_000_000
+"""Bytes of a file without a name that are sent at once."""
 LATER = 5
 """By how much pages come after tasks where there are not enough cores for both."""
 STREAMS = StreamLimit(each=24, most=64)
@@ -50,9 +55,18 @@ _STATIC = {
     "supervisor.css": ("resim.supervisor", "static/supervisor.css", "text/css"),
     "supervisor.js": ("resim.supervisor", "static/supervisor.js", "text/javascript"),
     "live.js": ("resim.supervisor", "static/live.js", "text/javascript"),
+    "home.js": ("resim.supervisor", "static/home.js", "text/javascript"),
 }
 """What all pages look like: the look of the reports, and what the Supervisor has besides."""
-_TITLES = {401: "Not let in", 403: "Refused", 404: "There is no such page", 422: "This cannot be started"}
+_LINK = re.compile(r'( (?:href|action|data-home)=")/(?!static/)')
+"""Where a page leads to one of ours; quotes in values are escaped, and make none."""
+_TITLES = {
+    400: "This cannot be looked for",
+    401: "Not let in",
+    403: "Refused",
+    404: "There is no such page",
+    422: "This cannot be started",
+}
 
 Page = Callable[[Supervisor, Request], tuple[str, dict[str, Any]]]
 
@@ -63,7 +77,7 @@ def _templates() -> Environment:
         loader=PackageLoader("resim.supervisor"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, auto_reload=False,
     )  # fmt: skip
-    env.filters.update(moment=words.moment, size=words.size, tone=words.tone, coded=words.coded)
+    env.filters.update(moment=words.moment, size=words.size, tone=tone, coded=words.coded)
     env.globals.update(span=words.span, age=words.age, static=_address, version=__version__)
     return env
 
@@ -74,9 +88,23 @@ def rendered(template: str, **values: Any) -> str:
 
 
 def refusal(status: int, why: str) -> Response:
-    """Give the page of an error."""
+    """Give the page of an error, for who is not in."""
+    return HTMLResponse(_error(status, why), status)
+
+
+def _error(status: int, why: str) -> str:
     title = _TITLES.get(status, "This did not work")
-    return HTMLResponse(rendered("error.html", title=title, why=why, status=status), status)
+    return rendered("error.html", title=title, why=why, status=status)
+
+
+def _at_home(request: Request, text: str, status: int = 200) -> Response:
+    """A page whose links lead to addresses of the session."""
+    return HTMLResponse(_LINK.sub(rf"\g<1>{request.state.home}/", text), status)
+
+
+def _told(request: Request, status: int, why: str) -> Response:
+    """The page of an error, for who is in."""
+    return _at_home(request, _error(status, why), status)
 
 
 def make_app(supervisor: Supervisor) -> ASGIApp:
@@ -114,17 +142,18 @@ def make_app(supervisor: Supervisor) -> ASGIApp:
 
 
 def _refused(request: Request, e: HTTPException) -> Response:
-    return refusal(e.status_code, e.detail)
+    return _told(request, e.status_code, e.detail)
 
 
 def _failed(request: Request, e: ResimError) -> Response:
     if isinstance(e, FormError):
-        return refusal(422, str(e))
-    return refusal(404 if isinstance(e, MissingError) else 500, str(e))
+        return _told(request, 422, str(e))
+    return _told(request, 404 if isinstance(e, MissingError) else 500, str(e))
 
 
 def _broken(request: Request, e: Exception) -> Response:
-    return refusal(500, f"There is an error in resim: {type(e).__name__}. The server's output has more.")
+    why = f"There is an error in resim: {type(e).__name__}. The server's output has more."
+    return _told(request, 500, why)
 
 
 def _page(supervisor: Supervisor, page: Page, is_kept: bool = False) -> Callable[[Request], Response]:
@@ -140,9 +169,9 @@ def _page(supervisor: Supervisor, page: Page, is_kept: bool = False) -> Callable
             supervisor.access.form_seal(request.state.session) if visitor.may_change else ""
         )  # forms are shown with it alone
         if not is_kept:
-            return HTMLResponse(made(seal))
+            return _at_home(request, made(seal))
         key = (visitor, request.url.path, request.url.query, supervisor.version())
-        return HTMLResponse(kept.page(key, lambda: made(seal and kept.mark)).replace(kept.mark, seal))
+        return _at_home(request, kept.page(key, lambda: made(seal and kept.mark)).replace(kept.mark, seal))
 
     return shown
 
@@ -168,7 +197,7 @@ def _action(
         finally:
             supervisor.look_again()
         note(f"done: {there}")
-        return RedirectResponse(there, 303)
+        return RedirectResponse(request.state.home + there, 303)
 
     return done
 
@@ -200,19 +229,23 @@ def _crate(supervisor: Supervisor) -> Callable[[Request], Response]:
 
     def sent(request: Request) -> Response:
         if not request.state.visitor.may_change:
-            return refusal(
-                403, "A crate holds the code of builds: the address that you came by lets you look only."
-            )
+            why = "A crate holds the code of builds: the address that you came by lets you look only."
+            return _told(request, 403, why)
         found = supervisor.catalog.entries([request.path_params["name"][:40]])
         if not found:
             raise MissingError("There is no such thing.")
         try:
-            file, remove = packed_chain(found[0])
+            file = packed_chain(found[0])
         except ResimError as e:
-            return refusal(409, str(e))
+            return _told(request, 409, str(e))
         name = f"{found[0].kind}-{found[0].id}.crate.zip"
-        return FileResponse(
-            file, media_type="application/zip", filename=name, background=BackgroundTask(remove)
+        headers = {
+            "content-disposition": f'attachment; filename="{name}"',
+            "content-length": str(os.fstat(file.fileno()).st_size),
+        }
+        parts = iter(lambda: file.read(PART), b"")
+        return StreamingResponse(
+            parts, media_type="application/zip", headers=headers, background=BackgroundTask(file.close)
         )
 
     return sent
@@ -233,7 +266,10 @@ def _sealed(supervisor: Supervisor) -> Callable[[Request], Response]:
         kind, name, path = (request.path_params[k] for k in ("kind", "name", "path"))
         document_of(supervisor, kind, name, path)
         seal = supervisor.access.page_seal(f"{kind}/{name}", request.state.visitor)
-        return RedirectResponse(str(request.url.replace(path=f"/pages/{seal}/{kind}/{name}/{path}")), 303)
+        query = f"?{request.url.query}" if request.url.query else ""
+        there = f"/pages/{seal}/{quote(f'{kind}/{name}/{path}')}{query}"
+        # where a document could ask for it, it is not told of the session's address
+        return RedirectResponse(there, 303, {"referrer-policy": "no-referrer"})
 
     return _missing(found)
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import lru_cache
+from pathlib import Path
 from typing import Literal
 
+from resim.core.errors import ResimError
 from resim.results.catalog import Catalog
 from resim.results.lake import LakeItem, LakePage, LakeQuery, facts_of, find_page, items_with
 from resim.results.overview import CatalogOverview, OutcomeOf
 from resim.results.queue import QueuedTask, TaskQueue
 from resim.results.reading import VERDICTS, VERIFIED
-from resim.supervisor.words import tone
+from resim.results.tones import tone
+from resim.verification.suite import read_suite
 
 CellState = Literal["good", "bad", "unsure", "done", "running", "waiting", "missing"]
 """done: it is there, and nothing was judged."""
@@ -22,6 +27,11 @@ _SOURCES = {("GT", "assessed"): "GT", ("GT", "re-simulated"): "rGT", ("SD", "ass
             ("SD", "re-simulated"): "rSD"}  # fmt: skip
 _STATES: Mapping[str, CellState] = {"pass": "good", "fail": "bad", "failed": "bad", "invalid": "unsure"}
 """By tone of the verdict."""
+FILTERS: Mapping[str, str] = {
+    "good": "good", "bad": "bad", "unsure": "not decided", "running": "running", "waiting": "waiting",
+    "missing": "nothing done yet",
+}  # fmt: skip
+"""States by which drives are filtered, in words."""
 RECENT = 300
 """Tasks that ended whose failures are shown."""
 
@@ -67,7 +77,7 @@ class Experiments:
         folders = None
         if state in ("running", "waiting"):
             tasks = [t for t in self._queue.unfinished() if t.state == state and t.job in _JOBS]
-            folders = tuple(sorted({word for t in tasks for word in t.words if word.startswith("/")}))
+            folders = tuple(sorted({path for t in tasks for path in _drives_of(t)}))
         return LakeQuery(text, ("recording",), verdicts=verdicts, judged=judged, folders=folders)
 
     def _made(self, items: Sequence[LakeItem]) -> list[Experiment]:
@@ -88,17 +98,41 @@ def _experiment(
         task
     ) in tasks:  # those that run come first, then those that wait, then those that failed, the latest first
         step = _JOBS.get(task.job)
-        if step is not None and item.folder in task.words:
+        if step is not None and item.folder in _drives_of(task):
             at_work.setdefault(step, task)
     steps: dict[tuple[str, str], StepCell] = {}
     for row in ("GT", "SD"):
         there = row.lower() in tables
         steps[row, "recorded"] = _recorded(item, row, there)
         for step in STEPS[1:]:
-            found = next((o for o in outcomes if o.source == _SOURCES[row, step]), None)
+            found = [o for o in outcomes if o.source == _SOURCES[row, step]]
             steps[row, step] = _cell(found, at_work.get(step) if there else None, there)
-    verified = next((o for o in outcomes if o.kind == "verification" and o.verdict in VERIFIED), None)
+    verified = [o for o in outcomes if o.kind == "verification" and o.verdict in VERIFIED]
     return Experiment(item, tables, steps, _cell(verified, at_work.get("verified"), True))
+
+
+def _drives_of(task: QueuedTask) -> frozenset[str]:
+    """The paths that a task is given; of a suite those of its drives, too."""
+    paths = frozenset(word for word in task.words if word.startswith("/"))
+    if task.job != "verify":
+        return paths
+    return paths.union(*(_drives_in(path, _stamp(path)) for path in paths if path.endswith(".toml")))
+
+
+def _stamp(path: str) -> int:
+    try:
+        return Path(path).stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+@lru_cache(maxsize=100)
+def _drives_in(suite: str, stamp: int) -> frozenset[str]:
+    """The drives of a suite as it was at a time; none of one that cannot be read."""
+    try:
+        return frozenset(os.path.realpath(folder) for folder in read_suite(Path(suite)).folders.values())
+    except (ResimError, OSError):
+        return frozenset()
 
 
 def _recorded(item: LakeItem, row: str, there: bool) -> StepCell:
@@ -109,17 +143,22 @@ def _recorded(item: LakeItem, row: str, there: bool) -> StepCell:
     return StepCell("done", "there")
 
 
-def _cell(found: OutcomeOf | None, task: QueuedTask | None, there: bool) -> StepCell:
-    """A step by what the newest result says, unless a task is at it, or failed later."""
+def _cell(outcomes: Sequence[OutcomeOf], task: QueuedTask | None, there: bool) -> StepCell:
+    """A step by what the newest result says, unless a task is at it, or failed later.
+
+    outcomes: the newest first. What was not judged takes no verdict away that was there before.
+    """
+    newest = outcomes[0] if outcomes else None
+    found = next((o for o in outcomes if o.verdict), newest)
     if task is not None and task.state in ("running", "waiting"):
         return StepCell("running" if task.state == "running" else "waiting", task.state, f"/tasks/{task.id}")
-    if task is not None and task.state in ("failed", "lost") and (found is None or _is_later(task, found)):
+    if task is not None and task.state in ("failed", "lost") and (newest is None or _is_later(task, newest)):
         return StepCell("bad", "error", f"/tasks/{task.id}")
     if found is None:
         return StepCell("missing", "not yet" if there else "–")
-    return StepCell(
-        _STATES.get(tone(found.verdict), "done"), found.verdict or "done", f"/results/{found.result}"
-    )
+    later = "" if found is newest else ", then not judged"
+    words = f"{found.verdict or 'done'}{later}"
+    return StepCell(_STATES.get(tone(found.verdict), "done"), words, f"/results/{found.result}")
 
 
 def _is_later(task: QueuedTask, found: OutcomeOf) -> bool:

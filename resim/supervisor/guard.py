@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
@@ -17,7 +18,7 @@ from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from resim.core.errors import ResimError
-from resim.supervisor.access import LIFE, Access, Visitor
+from resim.supervisor.access import HOME_DIGITS, LIFE, Access, Visitor
 from resim.supervisor.limits import RateLimit
 
 LARGEST_BODY = 64_000
@@ -28,6 +29,8 @@ SLOWEST = 10.0
 LONGEST_ADDRESS = 4_000
 PAGES, STATIC = "/pages/", "/static/"
 """Addresses that need no cookie: documents under a sealed address, and what all pages look like."""
+HOME = re.compile(rf"(/[0-9a-f]{{{HOME_DIGITS}}})(/.*)", re.DOTALL)
+"""An address of a session: with what all of these begin, and the rest."""
 OWN_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
@@ -46,8 +49,8 @@ ALWAYS = {
 
 ENTERED = (
     '<!DOCTYPE html><html lang="en"><title>resim</title><link rel="icon" href="data:,">'
-    '<meta http-equiv="refresh" content="0; url=/">'
-    '<a href="/">To the dashboard</a></html>\n'
+    '<meta http-equiv="refresh" content="0; url={home}/">'
+    '<a href="{home}/">To the dashboard</a></html>\n'
 )
 
 
@@ -111,10 +114,16 @@ class Guard:
     def _look(self, scope: Scope, headers: Headers) -> Response | None:
         """The answer to what goes no further."""
         client, method = client_of(scope, headers, self._door.proxy), scope["method"]
-        scope.setdefault("state", {})["client"] = client
+        state = scope.setdefault("state", {})
+        state.update(client=client, home="")
         if len(headers.getlist("host")) != 1 or headers["host"] not in self._door.hosts:
             return PlainTextResponse("This server has another name.\n", 421)
-        if not self._rate.allows(client):
+        if (found := HOME.fullmatch(scope["path"])) is not None:
+            state["home"], scope["path"] = found.groups()
+        is_foreign = _is_foreign(headers, method)
+        state.update(self._session(headers, state["home"]))
+        who = f"{'foreign' if is_foreign else state.get('visitor')} {client}"  # others use up nothing of a visitor's
+        if not self._rate.allows(who):
             return PlainTextResponse("Too many requests.\n", 429, {"retry-after": "5"})
         if method not in ("GET", "HEAD", "POST"):
             return PlainTextResponse("Not allowed.\n", 405, {"allow": "GET, HEAD, POST"})
@@ -125,40 +134,53 @@ class Guard:
             return self._refuse(400, "An address has no NUL bytes.")
         if any(c in scope["path"] for c in "\\\0\r\n") or any(p == ".." for p in scope["path"].split("/")):
             return PlainTextResponse("There is no such page.\n", 404)
-        if scope["path"].startswith(STATIC) or scope["path"].startswith(PAGES):
+        if not state["home"] and scope["path"].startswith((STATIC, PAGES)):
             return PlainTextResponse("Not allowed.\n", 405) if method == "POST" else None
-        if _is_foreign(headers, method):
+        if scope["path"].startswith(PAGES):  # a document must not read the address of a session as its own
+            return PlainTextResponse("There is no such page.\n", 404)
+        if is_foreign:
             return self._refuse(403, "This request came from another site.")
-        return self._let_in(scope, headers, client)
+        return self._let_in(scope, client)
 
-    def _let_in(self, scope: Scope, headers: Headers, client: str) -> Response | None:
+    def _session(self, headers: Headers, home: str) -> dict[str, object]:
+        """The session of a cookie and its visitor; nothing where it is not good, or not sent to an address of its own.
+
+        A cookie alone is not enough: who got hold of it somewhere does not know its address.
+        """
+        session = _cookie(headers, self._access.cookie)
+        if session is None or not self._access.is_home(session, home):
+            return {}
+        visitor = self._access.session(session)
+        return {} if visitor is None else {"session": session, "visitor": visitor}
+
+    def _let_in(self, scope: Scope, client: str) -> Response | None:
         """Look at token and cookie."""
-        query = QueryParams(scope.get("query_string", b""))
+        query, state = QueryParams(scope.get("query_string", b"")), scope["state"]
         if scope["path"] == "/" and "token" in query and scope["method"] == "GET":
+            if (entering := self._access.visitor(query["token"])) is not None:
+                return self._entered(entering)  # however many others tried before
             if not self._tries.allows(client):
                 return PlainTextResponse("Too many tries.\n", 429, {"retry-after": "60"})
-            if (entering := self._access.visitor(query["token"])) is None:
-                return self._refuse(401, "This token is not the one of this server.")
-            return self._entered(entering)
-        session = _cookie(headers, self._access.cookie)
-        if session is None or (visitor := self._access.session(session)) is None:
+            return self._refuse(401, "This token is not the one of this server.")
+        if "visitor" not in state:
             return self._refuse(
                 401, "Open the address with your token, or the one that `resim serve` printed."
             )
-        if not visitor.may_change and scope["method"] == "POST":
+        if not state["visitor"].may_change and scope["method"] == "POST":
             return self._refuse(403, "The address that you came by lets you look only.")
-        scope.setdefault("state", {}).update(session=session, visitor=visitor)
         return None
 
     def _entered(self, visitor: Visitor) -> Response:
-        """Put a cookie into the browser, and send it to the same address without the token.
+        """Put a cookie into the browser, and send it to the address of its session.
 
         By a page, not by a redirect: after a link in another program, a redirect gets no strict cookie.
         """
-        answer = HTMLResponse(ENTERED, headers={"referrer-policy": "no-referrer"})
+        session = self._access.new_session(visitor)
+        home = self._access.home(session)
+        answer = HTMLResponse(ENTERED.format(home=home), headers={"referrer-policy": "no-referrer"})
         answer.set_cookie(
-            self._access.cookie, self._access.new_session(visitor), max_age=LIFE, httponly=True, samesite="strict",
-            secure=self._door.secure,
+            self._access.cookie, session, max_age=LIFE, httponly=True, samesite="strict",
+            secure=self._door.secure, path=f"{home}/",
         )  # fmt: skip
         return answer
 
@@ -207,10 +229,14 @@ class Guard:
 
 
 def _is_foreign(headers: Headers, method: str) -> bool:
-    """Whether the browser says that a page of somebody else asks: another port of this host is somebody else."""
+    """Whether the browser says that a page of somebody else asks: another port of this host is somebody else.
+
+    A link that is followed there is none, but what opens in a frame, or before anybody asked for it, is.
+    """
     site = headers.get("sec-fetch-site")
     followed = method in ("GET", "HEAD") and headers.get("sec-fetch-mode") == "navigate"
-    return site in ("cross-site", "same-site") and not followed
+    shown = headers.get("sec-fetch-dest", "document") == "document" and "sec-purpose" not in headers
+    return site in ("cross-site", "same-site") and not (followed and shown)
 
 
 def _cookie(headers: Headers, name: str) -> str | None:

@@ -87,7 +87,7 @@ class Supervisor:
     def files(self, *kinds: ItemKind, most: int) -> list[LakeItem]:
         """Give the files of this machine that jobs may be given, by name, at most so many."""
         query = LakeQuery(kinds=kinds, host=self.queue.host)
-        return [*find_page(self.catalog, query, sort="name", most=most).items]
+        return [i for i in find_page(self.catalog, query, sort="name", most=most).items if not i.fault]
 
     def file(self, name: str, kinds: Sequence[str]) -> LakeItem:
         """Give a file of this machine by its id. Raises InputError where there is none of these kinds."""
@@ -95,6 +95,8 @@ class Supervisor:
         if not found or found[0].kind not in kinds or found[0].host != self.queue.host:
             what = " or ".join(kinds) or "file"
             raise InputError(f"{name:.20}", f"is no {what} in a registered folder")
+        if found[0].fault:
+            raise InputError(f"{name:.20}", f"cannot be used: {found[0].fault}")
         return found[0]
 
     def loose_files(self, field: FormField) -> Iterator[Path]:

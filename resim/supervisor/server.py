@@ -120,7 +120,9 @@ def serve(
         if options.remote and not users.all():
             problem = "lets others in, each with a token of their own, and there are no users"
             raise InputError("--allow-remote", problem, "First: resim users add NAME --role administer")
-        access = Access(kept_key(data / "serve.key"), port, users, users_only=bool(options.remote))
+        access = Access(
+            kept_key(data / "serve.key"), port, users, users_only=bool(options.remote), secure=door.secure
+        )
         tasks = Path(os.path.realpath(options.tasks))
         tasks.mkdir(parents=True, exist_ok=True)
         audit = data / "audit.jsonl"
@@ -202,9 +204,9 @@ def _door(options: ServeOptions, port: int) -> Door:
     if options.remote:
         return Door((options.remote.rstrip("/"),), secure=True, proxy=options.proxy)
     scheme = "http" if options.certificate is None else "https"
-    names = dict.fromkeys(
-        (f"[{options.host}]" if ":" in options.host else options.host, "127.0.0.1", "localhost")
-    )
+    given = f"[{options.host}]" if ":" in options.host else options.host
+    # the first one is printed: as localhost browsers ask ::1 first, where somebody else may listen
+    names = dict.fromkeys((*([] if given == "localhost" else [given]), "127.0.0.1", "localhost"))
     return Door(tuple(f"{scheme}://{name}:{port}" for name in names), secure=scheme == "https")
 
 

@@ -1,4 +1,4 @@
-"""Words and tones of pages: how verdicts look, how long ago something was, how long it took."""
+"""Words of pages: how long ago something was, how long it took, how large it is."""
 
 from __future__ import annotations
 
@@ -6,21 +6,6 @@ import time
 from datetime import UTC, datetime
 
 from markupsafe import Markup
-
-_TONES = {
-    "pass": ("PASS", "verified", "same", "better", "within limits", "done"),
-    "fail": ("FAIL", "not verified", "worse", "regresses", "error", "bad", "lost"),
-    "invalid": ("INVALID", "undecided", "invalid", "changed"),
-    "failed": ("failed",),
-}
-_TONE = {verdict: tone for tone, verdicts in _TONES.items() for verdict in verdicts}
-WORST = ("failed", "fail", "invalid", "none", "pass")
-"""Tones, the worst first."""
-
-
-def tone(verdict: str) -> str:
-    """Give the tone of a verdict; "none" for one that is none, or is not known: never a good one."""
-    return _TONE.get(verdict, "none")
 
 
 def moment(at: float | str | None) -> str:

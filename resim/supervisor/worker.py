@@ -31,13 +31,18 @@ MadeBy = Callable[[QueuedTask], Mapping[str, str]]
 
 
 class Worker:
-    """A thread that does tasks, at most `jobs` at once. What it starts goes on when it, or its process, ends."""
+    """A thread that does tasks, at most `jobs` at once. What it starts goes on when it, or its process, ends.
+
+    Attributes:
+        server: The process that it is a part of, as the queue names it.
+        fault: What keeps it from working, "" where nothing does.
+    """
 
     def __init__(self, queue: TaskQueue, jobs: int, made_by: MadeBy = lambda task: {}) -> None:
         """made_by: gives the path of what a task makes as `entered` where the lake is to know it afterwards, and as
         `fresh` where it must not be there before."""
         self._queue, self._jobs, self._made_by = queue, jobs, made_by
-        self._server = process_name()
+        self.server = process_name()
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._starts: dict[tuple[str, int], int] = {}
         self._asked: dict[str, float] = {}
@@ -45,7 +50,6 @@ class Worker:
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
         self.fault = ""
-        """What keeps it from working, "" where nothing does."""
 
     def start(self) -> None:
         """Begin."""
@@ -69,14 +73,14 @@ class Worker:
 
     def look(self) -> None:
         """Look after all tasks once."""
-        self._queue.adopt(self._server, lambda server: not is_alive(server))
-        mine = self._queue.of_server(self._server)
+        self._queue.adopt(self.server, lambda server: not is_alive(server))
+        mine = self._queue.of_server(self.server)
         if time.monotonic() > self._beaten + BEAT:
-            self._queue.beat(self._server)
+            self._queue.beat(self.server)
             self._beaten = time.monotonic()
         running = sum(not self._look_after(task) for task in mine)
         while running < self._jobs and not self._ending.is_set():
-            if (task := self._queue.claim(self._server)) is None:
+            if (task := self._queue.claim(self.server)) is None:
                 break
             self._begin(task)
             running += 1

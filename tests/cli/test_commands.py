@@ -23,7 +23,7 @@ PILOT = str(BUILDS / "highway_pilot-1.0.toml")
 RESULTS = [
     "GT.jscen.json", "SD.jscen.json", "proving_ground.xodr", "rGT.jscen.json", "rSD.jscen.json",
     "report.html", "report.json", "run.json", "tracks.parquet", "answers.parquet", "plans.parquet",
-    "assessment.json", "kpis.parquet",
+    "assessment.json", "asked.json", "kpis.parquet",
 ]  # fmt: skip
 
 MAP = """<OpenDRIVE><header revMajor="1" revMinor="6"/>{extra}<road id="7" length="500" junction="-1">{link}
@@ -117,8 +117,8 @@ def test_results_replace_earlier_ones(call: Call, recording: Callable[..., Path]
     for _ in range(2):
         code, _, error = call("run", folder, "--build", BUILDS / "idm-1.0.toml", "--out", out)
         assert code == 0, error
-    assert names(out) == ["GT.jscen.json", "answers.parquet", "assessment.json", "kpis.parquet", "plans.parquet",
-                          "rGT.jscen.json", "report.html", "report.json", "road.xodr", "run.json",
+    assert names(out) == ["GT.jscen.json", "answers.parquet", "asked.json", "assessment.json", "kpis.parquet",
+                          "plans.parquet", "rGT.jscen.json", "report.html", "report.json", "road.xodr", "run.json",
                           "tracks.parquet"]  # fmt: skip
 
 

@@ -61,7 +61,7 @@ def test_everything_is_told_by_its_content(database: str, shipped: Path, made: P
     assert {i.name for i in faults} <= {"reactive_planner-2025.1"}  # whose environment need not be here
 
 
-def test_it_is_found_by_what_is_known_of_it(database: str, shipped: Path, made: Path) -> None:
+def test_it_is_found_by_what_is_known_of_it(database: str, shipped: Path, made: Path, tmp_path: Path) -> None:
     catalog = Catalog(database)
     register(catalog, [shipped, made])
     drive = content_hash(shipped / "scenarios" / "cut_in_brake")
@@ -77,6 +77,16 @@ def test_it_is_found_by_what_is_known_of_it(database: str, shipped: Path, made: 
         ({"hashes": (drive,)}, both[1:]),
     ):  # fmt: skip
         assert names(catalog, **drives, **query) == expected, query
+    (tmp_path / "scenarios").mkdir()
+    for name in ("GT.jscen.json", "proving_ground.xodr"):
+        shutil.copy(made / "run" / name, tmp_path / "scenarios" / name)
+    register(catalog, [tmp_path / "scenarios"])
+    for kind in ("map", "run", "assessment", "verification", "sweep", "mining", "scenario"):
+        every, there = names(catalog, kinds=(kind,)), names(catalog, kinds=(kind,), place="proving")
+        assert there, kind  # all that came from drives there, and nothing of another map
+        assert kind == "map" or there == every
+        assert names(catalog, kinds=(kind,), place="urban") == (["urban"] if kind == "map" else []), kind
+    assert names(catalog, place="proving", maneuver="pass") == ["cut_in_brake"]
     assert names(catalog, kinds=("run",), verdict="fail") == ["cut_in_brake"]
     assert names(catalog, kinds=("run",), verdict="PASS", build="highway") == []
     assert {i.kind for i in find_page(catalog, LakeQuery(hashes=(drive,))).items} == {

@@ -34,5 +34,10 @@ def test_inputs_and_outcomes_are_given_by_content(database: str) -> None:
         ("03", "cut_in", "PASS"), ("02", "cut_in", "FAIL"),
     ]  # fmt: skip
     assert overview.newest_of([]) == []
-    assert [o.result for o in overview.of_build("pilot-1.0", PILOT, ("run",))] == [entry(3).id, entry(1).id]
+    catalog.add(entry(4, verdict=""))
+    found = overview.newest_of([DRIVE])
+    assert [(o.written[8:10], o.verdict) for o in found] == [("04", ""), ("03", "PASS"), ("02", "FAIL")]
+    assert [o.result for o in overview.of_build("pilot-1.0", PILOT, ("run",))] == [
+        entry(n).id for n in (4, 3, 1)
+    ]
     assert overview.of_build("pilot-1.0", PILOT, ("sweep",)) == []

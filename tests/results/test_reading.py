@@ -18,6 +18,7 @@ from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.recordings.content import content_hash
 from resim.results import write_parquet
+from resim.results.circumstances import FACET, read_circumstances
 from resim.results.entry import CatalogEntry, CatalogInput
 from resim.results.reading import VERDICTS, read_entry
 
@@ -42,6 +43,11 @@ def test_a_run_is_told_by_its_sources(made: Path) -> None:
     assert hashes(run.inputs)["recording"] == content_hash(DRIVE)
     assert run.names("build") == [PILOT]
     assert run.names("criteria") == ["highway"]
+    criteria = hashes(run.inputs)["criteria"][:16]
+    for kind in ("run", "verification", "sweep"):
+        (made_with,) = (f.name for f in read_entry(made / kind).facts if f.facet == FACET)
+        assert f"highway {criteria}" in read_circumstances(made_with)["criteria"]
+        assert read_circumstances(made_with)["vehicle"] == "kinematic"
 
 
 def test_an_assessment_without_criteria_is_not_judged(made: Path) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from supervised import at_home
 
 ROOT = Path(__file__).parents[2]
 KEY = b"k" * 32
@@ -75,7 +76,7 @@ def client(supervisor: Any) -> Any:
 
     from resim.supervisor.app import make_app
 
-    return TestClient(make_app(supervisor), base_url=ORIGIN, follow_redirects=False)
+    return at_home(TestClient(make_app(supervisor), base_url=ORIGIN, follow_redirects=False), ORIGIN)
 
 
 @pytest.fixture

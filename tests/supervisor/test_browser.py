@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
+import threading
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
 from browsed import chromium, too_faint
+from calling import called
 from supervised import PAGES, waited
 
 from resim.recordings.content import content_hash
 from resim.results.catalog import Catalog
-from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
+from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
 from resim.results.queue import TaskQueue, new_id
 from resim.supervisor.processes import is_alive, read_whole
 from resim.supervisor.runner import LIVE
@@ -52,7 +57,8 @@ def opened(browser: Any, served: Callable[..., Any]) -> Iterator[Callable[..., A
         page.on("request", lambda r: r.url.startswith((address, "data:")) or faults.append(r.url))
         page.goto(f"{address}/?token={token}")
         page.wait_for_selector("main")
-        assert page.url == f"{address}/"
+        page.wait_for_url(re.compile(rf"{address}/[0-9a-f]{{32}}/$"))
+        page.home = page.url.removesuffix("/")
         return page
 
     yield enter
@@ -61,9 +67,9 @@ def opened(browser: Any, served: Callable[..., Any]) -> Iterator[Callable[..., A
     assert not faults
 
 
-def wait_for_scan(page: Any, address: str) -> None:
+def wait_for_scan(page: Any) -> None:
     """Wait until all that is registered is there; suites are looked at last."""
-    page.goto(f"{address}/lake?kind=sweep-file")
+    page.goto(f"{page.home}/lake?kind=sweep-file")
     page.locator("a", has_text="perception_latency").first.wait_for()
 
 
@@ -73,7 +79,7 @@ def test_pages_fit_and_can_be_read(opened: Callable[..., Any], served: Callable[
         look = {"viewport": {"width": width, "height": 900}, "color_scheme": "dark" if dark else "light"}
         page = opened(address, token, **look)
         for path in PAGES:
-            page.goto(address + path, wait_until="domcontentloaded")
+            page.goto(page.home + path, wait_until="domcontentloaded")
             over = page.evaluate(
                 "document.documentElement.scrollWidth - document.documentElement.clientWidth"
             )
@@ -95,8 +101,8 @@ def test_a_job_is_started_watched_and_found_again(
 ) -> None:
     server, address, token = served(ROOT / "scenarios")
     page = opened(address, token)
-    wait_for_scan(page, address)
-    page.goto(f"{address}/jobs/play")
+    wait_for_scan(page)
+    page.goto(f"{page.home}/jobs/play")
     page.select_option("#f-drives", label="recording cut_in_brake – scenarios")
     page.click("text=Start >> nth=-1")
     page.wait_for_url("**/tasks/*")
@@ -123,6 +129,29 @@ def test_a_job_is_started_watched_and_found_again(
     assert "player:" in page.inner_text("#log")
 
 
+def test_a_drive_that_is_registered_under_a_running_server_shows_up(
+    opened: Callable[..., Any], served: Callable[..., Any], tmp_path: Path
+) -> None:
+    _, address, token = served()
+    page = opened(address, token, viewport={"width": 400, "height": 900})
+    page.goto(f"{page.home}/experiments")
+    page.locator("p", has_text="There are no recordings yet").wait_for()
+    shutil.copytree(ROOT / "scenarios" / "cut_in_brake", tmp_path / "new" / "drives" / "cut_in_brake")
+    shutil.copytree(ROOT / "networks", tmp_path / "new" / "networks", ignore=shutil.ignore_patterns("*.md"))
+    assert called("lake", "add", tmp_path / "new") == 0
+    page.locator(".drive a:text-is('cut_in_brake')").wait_for()  # without a reload
+    assert_verdicts_are_seen(page)
+
+
+def assert_verdicts_are_seen(page: Any) -> None:
+    """At 400 px no verdict, and no state of a step, is cut off or has to be scrolled to."""
+    for box in page.locator("main .cell, main table .badge").all():
+        where = box.bounding_box()
+        assert where is not None
+        assert where["x"] >= 0
+        assert where["x"] + where["width"] <= 400, box.inner_text()
+
+
 def test_a_quiet_task_counts_on_and_its_buttons_keep_apart(
     opened: Callable[..., Any], served: Callable[..., Any], catalog: str, tmp_path: Path
 ) -> None:
@@ -131,7 +160,7 @@ def test_a_quiet_task_counts_on_and_its_buttons_keep_apart(
     queue.host = "elsewhere"  # nobody here does it
     queue.add(name, "check", ("check", "--", "/nothing"), str(tmp_path / "tasks" / name))
     page = opened(address, token, viewport={"width": 400, "height": 900})
-    page.goto(f"{address}/tasks")
+    page.goto(f"{page.home}/tasks")
     page.route("**/tasks", lambda route: route.abort())  # without asking the server
     told = page.locator("[data-age]")
     first = told.inner_text()
@@ -152,11 +181,11 @@ def test_a_task_is_cancelled_by_one_and_seen_by_another(
 ) -> None:
     _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
     one, other = opened(address, token), opened(address, token)
-    wait_for_scan(one, address)
-    one.goto(f"{address}/jobs/verify")
+    wait_for_scan(one)
+    one.goto(f"{one.home}/jobs/verify")
     one.select_option("#f-suite", label="highway – scenarios/suites")
     one.select_option("#f-build", label="highway_pilot-1.0 – adfunc/builds")
-    other.goto(f"{address}/tasks")
+    other.goto(f"{other.home}/tasks")
     one.click("text=Start >> nth=-1")
     one.wait_for_url("**/tasks/*")
     other.locator("td .badge", has_text="running").wait_for()
@@ -176,10 +205,11 @@ def test_a_simulation_is_seen_as_it_runs(opened: Callable[..., Any], served: Cal
     _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
     page = opened(address, token, viewport={"width": 1280, "height": 900})
     other = page.context.new_page()
-    other.goto(f"{address}/live")
+    other.goto(f"{address}/live")  # by a bare address, as somebody else shares it
+    other.wait_for_url("**/live")
     assert "Nothing runs" in other.inner_text("main")
-    wait_for_scan(page, address)
-    page.goto(f"{address}/jobs/verify")
+    wait_for_scan(page)
+    page.goto(f"{page.home}/jobs/verify")
     page.select_option("#f-suite", label="highway – scenarios/suites")
     page.select_option("#f-build", label="highway_pilot-1.0 – adfunc/builds")
     page.select_option(
@@ -213,7 +243,7 @@ def test_words_tell_the_last_state_of_a_simulation(
     queue.add(name, "run", ("run",), str(folder))
     _, address, token = served(ROOT / "scenarios")
     page = opened(address, token)
-    page.goto(f"{address}/live?task={name}")
+    page.goto(f"{page.home}/live?task={name}")
     for k in range(5):
         boxes = [["ego", "car", k, 0.0, 0.0, 20.0 + k, 4.5, 1.8]]
         state = {"t": k, "end": 9.0, "build": "pilot", "seed": 0, "map": "", "boxes": boxes}
@@ -254,15 +284,76 @@ def test_a_hostile_document_can_do_nothing(
     page = context.new_page()
     page.goto(f"{address}/?token={token}")
     page.wait_for_selector("main")
-    page.goto(f"{address}/tasks/{name}")
+    page.goto(f"{page.url}tasks/{name}")
     assert "waiting" in page.inner_text("main")
-    page.evaluate("name => { location.href = `/open/tasks/${name}/evil.html`; }", name)
+    page.evaluate(
+        "name => { location.href = location.pathname.replace(/tasks.*/, `open/tasks/${name}/evil.html`); }",
+        name,
+    )
     page.wait_for_url("**/pages/**")
     page.wait_for_function("document.title !== 'waiting'")
     assert page.title() == "none none none none none sent"
     page.wait_for_timeout(300)
     assert "/pages/" in page.url
     assert queue.get(name).state == "waiting"
+    context.close()
+
+
+TELLTALE = """<!DOCTYPE html><title>waiting</title><a href="http://127.0.0.1:PORT/left">on</a><script>(async () => {
+  const told = [document.referrer, performance.getEntriesByType("navigation")[0].name, String(window.opener)];
+  try { told.push(...navigation.entries().map(e => e.url), navigation.activation.from?.url); } catch { }
+  try { await fetch("http://127.0.0.1:PORT/fetched", { mode: "no-cors", credentials: "include" }); } catch { }
+  document.title = told.join(" ");
+})();</script>"""
+"""A document that looks for where its reader came from, and leads to another port."""
+
+
+def test_another_port_of_the_host_gets_no_cookie_and_no_address_of_a_session(
+    browser: Any, served: Callable[..., Any], catalog: str, tmp_path: Path
+) -> None:
+    heard: list[tuple[str, Any]] = []
+
+    class Listener(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            heard.append((self.path, dict(self.headers)))
+            self.send_response(200)
+            self.send_header("content-type", "text/html")
+            self.end_headers()
+            again = "setTimeout(() => { location = '/again/tasks'; }, 50)"  # from its own origin, too
+            self.wfile.write(b"" if "again" in self.path else f"<script>{again}</script>".encode())
+
+        def log_message(self, *given: Any) -> None:
+            pass
+
+    queue, name = TaskQueue(Catalog(catalog), "another machine"), new_id()  # where nobody does it
+    folder = tmp_path / "tasks" / name
+    queue.add(name, "check", ("check",), str(folder))
+    folder.mkdir(parents=True)
+    _, address, token = served()
+    with ThreadingHTTPServer(("127.0.0.1", 0), Listener) as listening:
+        threading.Thread(target=listening.serve_forever, daemon=True).start()
+        port = str(listening.server_address[1])
+        (folder / "telltale.html").write_text(TELLTALE.replace("PORT", port))
+        context = browser.new_context()
+        page = context.new_page()
+        page.goto(f"{address}/?token={token}")
+        page.wait_for_selector("main")
+        home = page.url.removesuffix("/").rpartition("/")[2]
+        (cookie,) = context.cookies()
+        assert cookie["path"] == f"/{home}/"
+        page.goto(f"{address}/{home}/tasks/{name}")
+        page.evaluate(
+            "() => { location.href = location.pathname.replace('tasks', 'open/tasks') + '/telltale.html'; }"
+        )
+        page.wait_for_function("document.title && document.title !== 'waiting'")
+        assert home not in page.title()
+        page.click("a")
+        page.wait_for_url("**/again/tasks")
+        listening.shutdown()
+    assert {path for path, _ in heard} >= {"/fetched", "/left", "/again/tasks"}
+    for _, headers in heard:
+        assert not {"Cookie", "cookie"} & set(headers)
+        assert home not in str(headers)
     context.close()
 
 
@@ -281,10 +372,12 @@ def test_two_builds_are_compared_and_a_number_is_traced_to_its_origin(
         outcome = CatalogOutcome(drive.name, label, "rGT", verdict, "distance")
         written = f"2026-11-0{day}T05:00:00+00:00"
         entry = CatalogEntry("run", drive.name, tmp_path / label, "here", written, f"{day}", "0.1.0", verdict)
-        Catalog(catalog).add(replace(entry, counts={verdict: 1}, inputs=inputs, outcomes=(outcome,)))
+        made = CatalogFact("circumstances", '{"criteria": "highway ab"}')
+        entry = replace(entry, counts={verdict: 1}, inputs=inputs, outcomes=(outcome,), facts=(made,))
+        Catalog(catalog).add(entry)
     page = opened(address, token)
-    wait_for_scan(page, address)
-    page.goto(f"{address}/builds")
+    wait_for_scan(page)
+    page.goto(f"{page.home}/builds")
     page.click("button:text-is('Compare side by side')")
     page.locator(".badge", has_text="worse").wait_for()
     page.click("td a:has-text('FAIL')")
@@ -328,8 +421,8 @@ def test_a_sweep_is_seen_as_it_grows(
     (tmp_path / "files" / "many.toml").write_text(MANY)
     _, address, token = served(ROOT / "scenarios", ROOT / "adfunc")
     page = opened(address, token, viewport={"width": 400, "height": 900})
-    wait_for_scan(page, address)
-    page.goto(f"{address}/jobs/sweep")
+    wait_for_scan(page)
+    page.goto(f"{page.home}/jobs/sweep")
     page.select_option("#f-file", label="many – files")
     page.click("text=Start >> nth=-1")
     page.wait_for_url("**/tasks/*")

@@ -149,7 +149,8 @@ HELPERS = {
     "driven_traffic": "part of traffic", "space_members": "part of space", "space_recordings": "part of space",
     "verdicts": "words of verdicts", "schemas": "JSON Schemas of files, for editors",
     "lake": "the lake: pages find and show", "mirror": "sends results to a server of MLflow",
-    "chain": "a download of each page",
+    "chain": "a download of each page", "builds": "two builds side by side: a page shows that",
+    "tasks": "what the buttons of tasks do",
 }  # fmt: skip
 """Modules of `resim.jobs` without a form, and why."""
 

@@ -2,22 +2,136 @@
 
 from __future__ import annotations
 
+import re
 import stat
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from supervised import PAGES
+from supervised import PAGES, at_home
 
 from resim.core.errors import InputError
 from resim.results.queue import new_id
 from resim.supervisor.access import Access, Visitor, kept_key
+from resim.supervisor.guard import Door
 from resim.supervisor.limits import RateLimit, StreamLimit
 from resim.supervisor.users import Users
 
 ORIGIN = "http://127.0.0.1:8765"
 SECRET = "Dashboard"
 OWNER = Visitor("", "administer")
+
+
+def raw(supervisor: Any) -> Any:
+    """A browser that sees addresses as they are."""
+    from starlette.testclient import TestClient
+
+    from resim.supervisor.app import make_app
+
+    return TestClient(make_app(supervisor), base_url=ORIGIN, follow_redirects=False)
+
+
+def test_the_cookie_goes_to_an_address_that_nobody_else_knows_and_lets_in_there_alone(
+    supervisor: Any, tmp_path: Path
+) -> None:
+    browser = raw(supervisor)
+    cookie = browser.get("/", params={"token": supervisor.access.tokens["administer"]}).headers["set-cookie"]
+    session, home = re.fullmatch(r"resim_8765=([^;]+);.* Path=(/[0-9a-f]{32})/;.*", cookie).groups()  # type: ignore[union-attr]
+    assert supervisor.access.home(session) == home
+    page = browser.get(f"{home}/tasks")
+    assert page.status_code == 200
+    for link in re.findall(r'(?:href|action|data-home)="(/[^"]*)"', page.text):
+        assert link.startswith((f"{home}/", "/static/")), link
+    name = new_id()
+    supervisor.queue.add(name, "check", ("check",), f"/tasks/{name}")
+    data, headers = {"seal": supervisor.access.form_seal(session)}, {"origin": ORIGIN}
+    there = browser.post(f"{home}/tasks/{name}/first", data=data, headers=headers).headers["location"]
+    assert there == f"{home}/tasks/{name}"
+    assert f'href="{home}/"' in browser.get(f"{home}/nothing").text
+    document = browser.get(f"{home}/open/results/{'0' * 16}/x.html")
+    assert document.status_code == 404
+    assert browser.get(f"{home}/pages/x/results/{'0' * 16}/x.html").status_code == 404
+    thief = raw(supervisor)  # with the cookie, and without its address
+    other = supervisor.access.home(supervisor.access.new_session(OWNER))
+    for path in (
+        "/",
+        "/tasks",
+        "/events",
+        f"{other}/tasks",
+        f"/{'0' * 32}/",
+        f"{home}0/tasks",
+        f"/x{home}/tasks",
+    ):
+        stolen = {"cookie": f"resim_8765={session}"}
+        assert thief.get(path, headers=stolen).status_code == 401, path
+        assert thief.post(path, data=data, headers=headers | stolen).status_code in (401, 403)
+    elsewhere = Access(b"k" * 32, 8766, Users(tmp_path / "users.json"))  # of the same key, on another port
+    assert elsewhere.session(session) is None
+    by_tls = Access(b"k" * 32, 443, Users(tmp_path / "users.json"), secure=True)
+    assert by_tls.cookie == "__Secure-resim_443"
+
+
+def test_by_tls_the_cookie_goes_by_tls_alone_and_documents_stay_there(
+    supervisor: Any, tmp_path: Path
+) -> None:
+    from starlette.testclient import TestClient
+
+    from resim.supervisor.app import make_app
+
+    users, there = Users(tmp_path / "users.json"), "https://resim.example.org"
+    supervisor.access = Access(b"k" * 32, 443, users, users_only=True, secure=True)
+    supervisor.settings = replace(supervisor.settings, door=Door((there,), secure=True))
+    name = new_id()
+    supervisor.queue.add(name, "check", ("check",), str(tmp_path / name))
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "a+b c.html").write_text("read")
+    # a proxy that does TLS asks by http, under the name of the browser's address
+    browser = TestClient(make_app(supervisor), base_url="http://resim.example.org", follow_redirects=False)
+    answer = browser.get("/", params={"token": users.add("anna", "run")})
+    cookie = answer.headers["set-cookie"]
+    session, home = re.fullmatch(
+        r"__Secure-resim_443=([^;]+);.* Path=(/\w{32})/; SameSite=strict; Secure", cookie
+    ).groups()  # type: ignore[union-attr]
+    headers = {"cookie": f"__Secure-resim_443={session}"}
+    opened = browser.get(f"{home}/open/tasks/{name}/a+b c.html", headers=headers)
+    assert opened.status_code == 303
+    assert opened.headers["location"].startswith("/pages/")  # under https as the page before
+    assert opened.headers["referrer-policy"] == "no-referrer"
+    assert browser.get(opened.headers["location"]).text == "read"
+
+
+def test_what_other_sites_send_uses_up_nothing_of_a_visitor(
+    supervisor: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("resim.supervisor.guard.RateLimit", lambda each, burst: RateLimit(0.001, 10.0))
+    visitor = at_home(raw(supervisor), ORIGIN)
+    assert visitor.get("/", params={"token": supervisor.access.tokens["administer"]}).status_code == 200
+    foreign = {"sec-fetch-site": "same-site", "sec-fetch-mode": "no-cors", "sec-fetch-dest": "empty"}
+    answers = [visitor.get("/events", headers=foreign).status_code for _ in range(20)]
+    assert {*answers} == {403, 429}
+    assert visitor.get("/tasks").status_code == 200
+    cookies = {"cookie": "none"}  # another user's program on this machine
+    assert {visitor.get("/tasks", headers=cookies).status_code for _ in range(20)} == {401, 429}
+    assert visitor.get("/tasks").status_code == 200
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"sec-fetch-dest": "iframe"}, {"sec-fetch-dest": "object"}, {"sec-fetch-dest": "embed"},
+        {"sec-fetch-dest": "document", "sec-purpose": "prefetch;prerender"},
+    ],
+)  # fmt: skip
+def test_frames_of_other_sites_try_no_tokens(client: Any, more: dict[str, str]) -> None:
+    framed = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", **more}
+    assert [client.get("/?token=x", headers=framed).status_code for _ in range(14)] == [403] * 14
+    assert client.get("/?token=x").status_code == 401  # not too many tries
+
+
+def test_wrong_tokens_of_others_keep_the_right_one_out_of_nothing(supervisor: Any, client: Any) -> None:
+    assert 429 in [client.get("/", params={"token": f"guess{k}"}).status_code for k in range(14)]
+    assert client.get("/", params={"token": supervisor.access.tokens["administer"]}).status_code == 200
 
 
 def test_the_token_lets_in_once_and_a_cookie_from_then_on(supervisor: Any, client: Any) -> None:
@@ -108,20 +222,23 @@ def test_a_wrong_cookie_lets_nobody_in(supervisor: Any, client: Any, cookie: str
     good = access.new_session(OWNER)
     late = good.rpartition(".")[0].replace(good.partition(".")[0], "1000000000")
     told = cookie.format(
-        good=good, seal=access._seal("session", "x"), late=f"{late}.{access._seal('session', late)}"
+        good=good, seal=access._seal("resim_8765", "x"), late=f"{late}.{access._seal('resim_8765', late)}"
     )
     headers = {"cookie": f"resim_8765={told}".encode()}
-    assert client.get("/", headers=headers).status_code == (200 if told.strip() == good else 401)
+    home = access.home(good if told.strip() == good else told)
+    assert client.get(f"{home}/", headers=headers).status_code == (200 if told.strip() == good else 401)
 
 
 def test_a_cookie_of_another_key_or_twice_lets_nobody_in(
     supervisor: Any, client: Any, tmp_path: Path
 ) -> None:
     other = Access(b"o" * 32, 8765, Users(tmp_path / "users.json")).new_session(OWNER)
-    assert client.get("/", headers={"cookie": f"resim_8765={other}"}).status_code == 401
+    home = supervisor.access.home
+    assert client.get(f"{home(other)}/", headers={"cookie": f"resim_8765={other}"}).status_code == 401
     good = supervisor.access.new_session(OWNER)
+    assert client.get(f"{home(good)}/", headers={"cookie": f"resim_8765={good}"}).status_code == 200
     both = [("cookie", f"resim_8765={good}"), ("cookie", f"resim_8765={other}")]
-    assert client.get("/", headers=both).status_code == 401
+    assert client.get(f"{home(good)}/", headers=both).status_code == 401
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
 import platform
 import re
 import shutil
+import tempfile
 import time
 import zipfile
 from dataclasses import replace
@@ -16,12 +19,17 @@ from typing import Any
 import pytest
 
 from resim.recordings.content import content_hash
+from resim.results.asked import AskedResults, AskedValue, write_asked
 from resim.results.catalog import Catalog
 from resim.results.entry import KINDS, CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
+from resim.results.lake import LakeQuery, find_page
 from resim.results.queue import new_id
+from resim.results.scanning import register
+from resim.results.tones import tone
 from resim.supervisor.documents import find_document
+from resim.supervisor.processes import process_name
 from resim.supervisor.views.common import MissingError, result_folder
-from resim.supervisor.words import size, tone
+from resim.supervisor.words import size
 
 ROOT = Path(__file__).parents[2]
 DRIVE = ROOT / "scenarios" / "cut_in_brake"
@@ -43,11 +51,16 @@ def entry(name: str = "cut_in_brake", day: int = 1, **more: Any) -> CatalogEntry
     return CatalogEntry(name=name, written=f"2026-11-{day:02}T05:00:00.000+00:00", resim="0.1.0", **told)
 
 
-def build(label: str, digest: str, day: int, verdicts: dict[str, str]) -> CatalogEntry:
+def made_with(**told: str) -> CatalogFact:
+    return CatalogFact("circumstances", json.dumps({"criteria": "highway ab", "vehicle": "kinematic"} | told))
+
+
+def build(label: str, digest: str, day: int, verdicts: dict[str, str], **told: str) -> CatalogEntry:
     inputs = [CatalogInput("recording", name, "", f"{name:0>64}") for name in verdicts]
     return entry(
         "suite", day, kind="verification", inputs=(*inputs, CatalogInput("build", label, "", digest)),
         outcomes=tuple(CatalogOutcome(name, label, verdict=v) for name, v in verdicts.items()),
+        facts=(made_with(**told),),
     )  # fmt: skip
 
 
@@ -59,7 +72,7 @@ def known(catalog: str) -> Catalog:
 def cells(text: str, name: str) -> list[tuple[str, str]]:
     """State and words of the cells of a drive."""
     rows = next(part for part in text.split("<tbody>") if f">{name}</a>" in part)
-    return re.findall(r'class="cell (\w+)">(?:<a[^>]*>)?([^<]*)', rows)
+    return re.findall(r'class="cell (\w+)"[^>]*>(?:<a[^>]*>)?([^<]*)', rows)
 
 
 def test_empty_pages_say_what_to_do(user: Any) -> None:
@@ -80,7 +93,7 @@ def test_everything_is_found_by_the_filters_of_the_command(user: Any, known: Cat
         ("", 20), ("kind=recording", 3), ("kind=recording&maneuver=cut_in", 1), ("kind=recording&risk_above=0.2", 1),
         ("kind=recording&risk_below=0.2", 0), ("kind=recording&place=proving", 3), ("verdict=FAIL", 1),
         ("text=pilot", 5),
-        ("risk_above=much", 20), ("kind=build&sort=name", 8), ("weather=fogdensity=excellent", 3),
+        ("kind=build&sort=name", 8), ("weather=fogdensity=excellent", 3),
         ("finding=speed", 1),
     ):  # fmt: skip
         text = user.get(f"/lake?{query}").text
@@ -94,18 +107,24 @@ def test_everything_is_found_by_the_filters_of_the_command(user: Any, known: Cat
 
 
 def test_one_click_leads_from_a_result_to_all_it_came_from_and_back(
-    supervisor: Any, user: Any, known: Catalog
+    supervisor: Any, user: Any, known: Catalog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wanted = {"build": "highway_pilot-1.0", "criteria": "highway"}
     files = {k: next(i for i in supervisor.files(k, most=20) if i.name == n) for k, n in wanted.items()}
     (drive,) = [i for i in supervisor.files("recording", most=20) if i.name == "cut_in_brake"]
     told = {"recording": drive, **files}
-    run = entry(inputs=tuple(CatalogInput(role, i.name, "", i.digest) for role, i in told.items()))
+    inputs = tuple(CatalogInput(role, i.name, "", i.digest) for role, i in told.items())
+    run = entry(folder=tmp_path, inputs=inputs)
     known.add(run)
+    (tmp_path / "run.json").write_text("{}")
+    monkeypatch.setattr("resim.results.asked.digest", lambda folder, kind: run.digest)
+    options = {"recording": "", "build": "--build", "criteria": "--criteria"}
+    asked = (AskedValue(options[role], i.folder, i.digest) for role, i in told.items())
+    write_asked(AskedResults(("run",), (*asked, AskedValue("--set", "latency.speed=0.4"))), tmp_path)
     page = user.get(f"/results/{run.id}").text
     assert (
-        f"resim run {drive.folder} --build {files['build'].folder} --criteria {files['criteria'].folder}"
-        in page
+        f"resim run {drive.folder} --build {files['build'].folder} --criteria {files['criteria'].folder} "
+        "--set latency.speed=0.4" in page
     )
     for item in told.values():
         (link,) = set(re.findall(rf'href="(/\w+/\w+)">{re.escape(item.name)}</a>', page))
@@ -166,6 +185,39 @@ def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
     assert "broken map" in user.get("/").text
 
 
+def test_a_drive_shows_a_verification_of_its_suite_that_waits_runs_or_failed(
+    supervisor: Any, user: Any
+) -> None:
+    def told() -> dict[str, str]:
+        text = user.get("/experiments").text
+        return {name: cells(text, name)[3][1] for name in ("cut_in_brake", "overtake", "rear_end")}
+
+    suite, name = ROOT / "scenarios" / "suites" / "highway.toml", new_id()
+    supervisor.queue.add(name, "verify", ("verify", "--out=/x", "--", str(suite)), f"/tasks/{name}")
+    waiting = {
+        "cut_in_brake": "waiting",
+        "overtake": "waiting",
+        "rear_end": "not yet",
+    }  # which is not in the suite
+    assert told() == waiting
+    task = supervisor.queue.claim("me")
+    assert told() == {name: words.replace("waiting", "running") for name, words in waiting.items()}
+    assert "overtake</a>" in user.get("/experiments?state=running").text
+    assert "rear_end</a>" not in user.get("/experiments?state=running").text
+    assert supervisor.queue.end(task, "failed", code=2, told="broken map")
+    assert told() == {name: words.replace("waiting", "error") for name, words in waiting.items()}
+
+
+def test_what_is_not_judged_hides_no_verdict(user: Any, known: Catalog) -> None:
+    known.add(entry(day=1))
+    unjudged = tuple(replace(o, verdict="", cause="") for o in entry().outcomes)
+    known.add(entry(day=2, verdict="", counts={}, outcomes=unjudged))
+    told = cells(user.get("/experiments").text, "cut_in_brake")
+    assert told[2] == ("bad", "FAIL, then not judged")
+    known.add(entry(day=3))
+    assert cells(user.get("/experiments").text, "cut_in_brake")[2] == ("bad", "FAIL")
+
+
 def test_a_result_of_other_content_is_not_taken_for_one_of_this_drive(
     supervisor: Any, user: Any, known: Catalog
 ) -> None:
@@ -203,6 +255,85 @@ def test_two_builds_stand_side_by_side_the_worst_first(user: Any, known: Catalog
     assert "1 results" in page or "<dd>1</dd>" in page
 
 
+def test_results_of_other_circumstances_are_no_pair(user: Any, known: Catalog) -> None:
+    def compared() -> list[tuple[str, str, str]]:
+        ids = re.findall(r'name="one" value="(\w+)"', user.get("/builds").text)
+        text = user.get("/builds/compare", params={"one": ids[0], "other": ids[1]}).text
+        row = r'<tr><th><a [^>]*>(\w)</a></th>.*?>([\w ]+)</span>(?: <span class="note">([^<]*)</span>)?</td></tr>'
+        return re.findall(row, text, re.DOTALL)
+
+    known.add(build("pilot-1.0", "aa" * 32, 1, {"a": "verified"}, seeds="0 to 19"))
+    known.add(build("pilot-1.1", "bb" * 32, 2, {"a": "verified"}, criteria="lax cd", seeds="0 to 19"))
+    told = "criteria: highway ab, lax cd"
+    assert compared() == [("a", "not comparable", told)]
+    known.add(build("pilot-1.1", "bb" * 32, 3, {"a": "not verified"}, seeds="0 to 19", resim="0.2"))
+    assert compared() == [("a", "worse", "made with resim , 0.2")]
+    known.add(build("pilot-1.1", "bb" * 32, 4, {"a": "verified"}, criteria="lax cd", seeds="0 to 19"))
+    assert compared() == [("a", "worse", "made with resim , 0.2"), ("a", "not comparable", told)]
+    known.add(replace(build("pilot-1.1", "bb" * 32, 5, {"a": "verified"}), facts=()))
+    assert compared()[1][2] == "how one of them was made is not known"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/lake?kind=runs", "/lake?sort=DROP", "/lake?risk_above=abc", "/lake?risk_below=nan", "/lake?colour=red",
+        "/lake?verdict=fine", "/results?kind=map", "/results?verdict=fine", "/results?first=x", "/experiments?state=zz",
+        "/experiments?place=x", "/builds?label=x", "/tasks?state=done",
+    ],
+)  # fmt: skip
+def test_filters_that_there_are_not_are_told(user: Any, path: str) -> None:
+    answer = user.get(path)
+    assert answer.status_code == 400
+    assert "This cannot be looked for" in answer.text
+    assert re.search(r"There are: |expected ", answer.text)
+
+
+def test_what_cannot_be_read_is_offered_to_no_job(
+    supervisor: Any, user: Any, known: Catalog, seal: str, tmp_path: Path
+) -> None:
+    shutil.copytree(DRIVE, tmp_path / "drives" / "lost")  # without its map
+    register(known, [tmp_path / "drives"])
+    (lost,) = find_page(known, LakeQuery("lost", ("recording",))).items
+    assert lost.fault
+    page = user.get(f"/experiments/{lost.id}").text
+    assert "Nothing can be started with it, as it cannot be read" in page
+    assert "/jobs/" not in page
+    assert lost.id not in user.get("/jobs/run").text
+    data = {"seal": seal, "recording": lost.id}
+    answer = user.post("/jobs/check", data=data, headers={"origin": "http://127.0.0.1:8765"})
+    assert answer.status_code == 422
+    assert "cannot be used" in answer.text
+    assert supervisor.queue.counts() == {}
+
+
+def test_the_dashboard_shows_who_works(supervisor: Any, user: Any) -> None:
+    for k, server in enumerate(("77@1.0", supervisor.worker.server)):
+        supervisor.queue.add(f"{k}" * 16, "check", ("check",), "/tasks/x")
+        supervisor.queue.claim(server)
+    text = user.get("/").text
+    assert "1 of 1" in text
+    assert "1 other busy" in text
+    rows = re.findall(r"process (\d+)(, this server)?</span></th><td[^>]*>([^<]*)</td>.*?<code>(\w+)", text)
+    own = supervisor.worker.server.partition("@")[0]
+    assert rows == [(own, ", this server", "1 of 1", "111111"), ("77", "", "1", "000000")]
+
+
+def test_crates_leave_nothing_behind(
+    user: Any, known: Catalog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    left = tmp_path / "resim-crate-1@2.000-abc"  # of a server that was killed
+    alive = tmp_path / f"resim-crate-{process_name()}-abc"
+    for folder in (left, alive):
+        (folder / "crate").mkdir(parents=True)
+    (drive,) = find_page(known, LakeQuery("cut_in_brake", ("recording",))).items
+    answer = user.get(f"/crate/{drive.id}")
+    assert answer.status_code == 200
+    assert zipfile.ZipFile(io.BytesIO(answer.content)).testzip() is None
+    assert [*tmp_path.glob("resim-crate-*")] == [alive]
+
+
 def test_what_goes_on_after_a_pause_is_said(supervisor: Any, user: Any) -> None:
     for job in ("verify", "run"):
         name = new_id()
@@ -227,7 +358,8 @@ def test_a_verdict_for_another_reason_is_not_the_same(user: Any, known: Catalog)
         )
         drives = [CatalogInput("recording", name, "", f"{name:0>64}") for name in "ab"]
         inputs = (*drives, CatalogInput("build", label, "", f"{k}{k}" * 32))
-        known.add(entry(label, k + 1, verdict="FAIL", counts={"FAIL": 2}, inputs=inputs, outcomes=outcomes))
+        one = entry(label, k + 1, verdict="FAIL", counts={"FAIL": 2}, inputs=inputs, outcomes=outcomes)
+        known.add(replace(one, facts=(made_with(),)))
     ids = re.findall(r'name="one" value="(\w+)"', user.get("/builds").text)
     text = user.get("/builds/compare", params={"one": ids[0], "other": ids[1]}).text
     rows = re.findall(r"<tr><th><a [^>]*>(\w)</a></th>.*?>([\w ]+)</span></td></tr>", text, re.DOTALL)

@@ -154,6 +154,7 @@ def queries(catalog: Catalog, recordings: int, runs: int) -> dict[str, Callable[
         "recordings with a frequent maneuver by risk": page("risk", kinds=drives, maneuver="cut_in"),
         "recordings in rain on a map": page("name", kinds=drives, weather="precipitationDensity=rain", place="town_7"),
         "recordings by two filters that never meet": page(kinds=drives, tag="car=car 0", place="town_7"),
+        "all on a map, newest": page(place="town_7"),
         "recordings above a risk, by name": page("name", kinds=drives, risk_above=0.9),
         "runs, newest": page(kinds=("run",)),
         "results, newest": page(kinds=results),

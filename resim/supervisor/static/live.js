@@ -1,6 +1,7 @@
 "use strict";
 // A running simulation from above, its EGO in the middle: states come as events, roads are fetched as the EGO moves on.
 (() => {
+  const home = document.documentElement.dataset.home.slice(0, -1);
   const figure = document.getElementById("live"), canvas = figure.querySelector("canvas"), pen = canvas.getContext("2d");
   const words = document.getElementById("live-state"), task = figure.dataset.task, tone = name => getComputedStyle(figure).getPropertyValue(name).trim();
   let state = null, roads = null, fetching = false, scale = 4, due = false, source = null, telling = false; // px a metre
@@ -11,7 +12,7 @@
     if (fetching || known) return;
     fetching = true;
     try {
-      const of = state.map, answer = await fetch(`/live/${task}/roads`);
+      const of = state.map, answer = await fetch(`${home}/live/${task}/roads`);
       if (answer.ok) roads = { ...(await answer.json()), map: of };
       if (roads && !roads.lanes.length) roads.reach = Infinity; // no map: not asked again
       draw();
@@ -71,7 +72,7 @@
 
   function listen() {
     if (source || document.hidden) return;
-    source = new EventSource(`/events?live=${task}`);
+    source = new EventSource(`${home}/events?live=${task}`);
     source.addEventListener("state", event => { state = JSON.parse(event.data); fetchRoads(); redraw(); tell(); });
   }
 
@@ -82,6 +83,6 @@
   window.addEventListener("resize", redraw);
   document.getElementById("nearer").addEventListener("click", () => zoom(1.4));
   document.getElementById("farther").addEventListener("click", () => zoom(1 / 1.4));
-  history.replaceState(null, "", `/live?task=${task}`); // it stays this one when it ends, reloaded or not
+  history.replaceState(null, "", `${home}/live?task=${task}`); // it stays this one when it ends, reloaded or not
   listen();
 })();

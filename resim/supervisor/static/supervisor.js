@@ -1,6 +1,7 @@
 "use strict";
 // Shows what changes: regions with data-live are fetched again after every change, a log grows as it is written.
 (() => {
+  const home = document.documentElement.dataset.home.slice(0, -1); // with what all addresses of this session begin
   const log = document.getElementById("log"), connection = document.getElementById("connection");
   let source = null, waiting = false, from = log ? Number(log.dataset.from) : 0;
 
@@ -52,7 +53,7 @@
 
   function listen() {
     if (source || document.hidden) return; // browsers have few connections a host: pages that nobody sees need none
-    source = new EventSource(log ? `/events?task=${log.dataset.task}&from=${from}` : "/events");
+    source = new EventSource(log ? `${home}/events?task=${log.dataset.task}&from=${from}` : `${home}/events`);
     source.addEventListener("open", () => { connection.textContent = "live"; });
     source.addEventListener("error", () => { connection.textContent = "the server does not answer; trying again"; });
     source.addEventListener("changed", () => refresh(false));
@@ -77,6 +78,7 @@
     event.preventDefault();
     document.querySelector(".find input").select();
   });
+  try { localStorage.setItem("home", home); } catch { /* then a bare address does not lead here */ }
   setInterval(count, 1000);
   if (log) toEnd();
   listen();

@@ -6,11 +6,8 @@ from collections.abc import Sequence
 
 from starlette.requests import Request
 
-from resim.results.lake import (
-    LakeQuery,
-    find_page,
-)
-from resim.supervisor.builds import KnownBuild, known_builds, pairs
+from resim.results.builds import CHANGES, KnownBuild, known_builds, pairs
+from resim.results.lake import LakeQuery, find_page
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.views.common import (
     EACH,
@@ -20,12 +17,14 @@ from resim.supervisor.views.common import (
     Told,
     first_of,
     paging,
+    refuse_unknown,
     text_of,
 )
 
 
 def builds(supervisor: Supervisor, request: Request) -> Told:
     """All builds that results know."""
+    refuse_unknown(request, "text", "first")
     text = text_of(request, "text").lower()
     found = [
         b for b in known_builds(supervisor.overview) if text in b.label.lower() or b.hash.startswith(text)
@@ -51,10 +50,8 @@ def compared(supervisor: Supervisor, request: Request) -> Told:
     """Two builds side by side, what got worse first."""
     every = known_builds(supervisor.overview)
     one, other = (_build(every, text_of(request, name)) for name in ("one", "other"))
-    found = pairs(supervisor.overview, one, other)
-    counts = {
-        c: sum(p.change == c for p in found) for c in ("worse", "changed", "not known", "same", "better")
-    }
+    found = pairs(supervisor.catalog, one, other)
+    counts = {c: sum(p.change == c for p in found) for c in CHANGES}
     return "compared.html", {
         "one": one, "other": other, "pairs": found[:MOST_OUTCOMES], "counts": counts, "count": len(found)
     }  # fmt: skip

@@ -12,14 +12,15 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
 
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 
 from resim.core.errors import InputError, ResimError
 from resim.jobs.lake import LakeLinks
+from resim.results.builds import build_id
 from resim.results.entry import KINDS, CatalogEntry
 from resim.results.lake import LakeItem, LakePage, LakeQuery, find_page
 from resim.results.queue import QueuedTask
-from resim.supervisor.builds import build_id
 from resim.supervisor.documents import Document, files_in, find_document
 from resim.supervisor.growth import TaskProgress, task_progress
 from resim.supervisor.parts import Supervisor
@@ -66,10 +67,26 @@ def paging_of(request: Request, first: int, page: LakePage) -> Paging:
     return paging(request, first, len(page.items), page.count, page.capped)
 
 
+def refuse_unknown(request: Request, *names: str) -> None:
+    """Refuse an address with a filter that there is not: it would show more than was asked for."""
+    if strange := [name for name in request.query_params if name not in names]:
+        raise HTTPException(400, f"There is no filter {strange[0]:.60}. There are: {', '.join(names)}.")
+
+
 def first_of(request: Request) -> int:
     """Give the number of the first row that an address asks for."""
     told = request.query_params.get("first", "0")
-    return int(told) if told.isascii() and told.isdigit() and len(told) < 10 else 0
+    if not (told.isascii() and told.isdigit() and len(told) < 10):
+        raise HTTPException(400, f"first: is {told:.60}, expected the number of a row.")
+    return int(told)
+
+
+def choice_of(request: Request, name: str, choices: Iterable[str]) -> str:
+    """Give one of several texts that stands in an address, "" where none does; any other one is refused."""
+    told = text_of(request, name)
+    if told and told not in (known := [*choices]):
+        raise HTTPException(400, f"{name}: there is no {told:.60}. There are: {', '.join(known)}.")
+    return told
 
 
 def text_of(request: Request, name: str, most: int = 200) -> str:
@@ -152,10 +169,10 @@ def progress_of(running: Iterable[QueuedTask]) -> dict[str, TaskProgress]:
 def starts_with(supervisor: Supervisor, item: LakeItem | CatalogEntry) -> dict[str, list[tuple[str, str]]]:
     """Give the jobs that can be started with something, by groups: each with the parameter that takes it.
 
-    None where it is on another machine.
+    None where it is on another machine, or cannot be used.
     """
     found: dict[str, list[tuple[str, str]]] = {}
-    here = item.host == supervisor.queue.host
+    here = item.host == supervisor.queue.host and not item.fault
     ours = Path(item.folder).is_relative_to(supervisor.settings.tasks)
     for form in supervisor.settings.forms if here else ():
         taking = [f.name for f in form.fields if item.kind in f.of and (ours or not f.own)]

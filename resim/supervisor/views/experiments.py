@@ -11,18 +11,20 @@ from resim.results.lake import (
     find_page,
 )
 from resim.results.scanning import roots_of
-from resim.supervisor.experiments import STEPS
+from resim.supervisor.experiments import FILTERS, STEPS
 from resim.supervisor.parts import Supervisor
 from resim.supervisor.views.common import (
     EACH,
     RESULTS,
     MissingError,
     Told,
+    choice_of,
     files_of,
     first_of,
     links_in,
     maker_of,
     paging_of,
+    refuse_unknown,
     starts_with,
     text_of,
 )
@@ -30,11 +32,12 @@ from resim.supervisor.views.common import (
 
 def experiments(supervisor: Supervisor, request: Request) -> Told:
     """All measured drives, by name and state."""
-    text, state, first = text_of(request, "text"), text_of(request, "state"), first_of(request)
+    refuse_unknown(request, "text", "state", "first")
+    text, state, first = text_of(request, "text"), choice_of(request, "state", FILTERS), first_of(request)
     shown, page = supervisor.experiments.page(text, state, first, EACH)
     return "experiments.html", {
         "experiments": shown, "paging": paging_of(request, first, page), "text": text, "state": state,
-        "steps": STEPS, "scanned": supervisor.changes.scanned,
+        "steps": STEPS, "states": FILTERS, "scanned": supervisor.changes.scanned,
         "folders": [str(f) for f in roots_of(supervisor.catalog)],
     }  # fmt: skip
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 
 from resim.jobs.lake import links_of
@@ -18,12 +21,14 @@ from resim.supervisor.views.common import (
     EACH,
     MissingError,
     Told,
+    choice_of,
     files_of,
     first_of,
     link_to,
     links_in,
     maker_of,
     paging_of,
+    refuse_unknown,
     starts_with,
     text_of,
 )
@@ -33,10 +38,13 @@ FILTERS = ("text", "tag", "maneuver", "place", "weather", "finding", "verdict", 
 
 def lake(supervisor: Supervisor, request: Request) -> Told:
     """Everything that there is, by the filters of `resim lake find`."""
-    given = {name: text_of(request, name) for name in (*FILTERS, "kind", "risk_above", "risk_below", "sort")}
-    kinds = tuple(k for k in ITEM_KINDS if k == given["kind"])
-    sort: SortKey = next((s for s in SORTS if s == given["sort"]), "written")
-    risks = {name: _number(given[name]) for name in ("risk_above", "risk_below")}
+    names = (*FILTERS, "kind", "risk_above", "risk_below", "sort")
+    refuse_unknown(request, *names, "first")
+    given = {name: text_of(request, name) for name in names}
+    choice_of(request, "verdict", VERDICTS)
+    kinds = tuple(k for k in ITEM_KINDS if k == choice_of(request, "kind", ITEM_KINDS))
+    sort: SortKey = next((s for s in SORTS if s == choice_of(request, "sort", SORTS)), "written")
+    risks = {name: _number(name, given[name]) for name in ("risk_above", "risk_below")}
     query = LakeQuery(kinds=kinds, **risks, **{name: given[name] for name in FILTERS})  # type: ignore[arg-type]
     first = first_of(request)
     page = find_page(supervisor.catalog, query, sort=sort, first=first, most=EACH)
@@ -47,11 +55,14 @@ def lake(supervisor: Supervisor, request: Request) -> Told:
     }  # fmt: skip
 
 
-def _number(text: str) -> float | None:
+def _number(name: str, text: str) -> float | None:
     try:
-        return float(text)
+        number = float(text) if text.strip() else None
     except ValueError:
-        return None
+        number = math.nan
+    if number is not None and not math.isfinite(number):
+        raise HTTPException(400, f"{name}: is {text:.60}, expected a number such as 0.01.")
+    return number
 
 
 def thing(supervisor: Supervisor, request: Request) -> Told:

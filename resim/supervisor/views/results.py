@@ -23,12 +23,14 @@ from resim.supervisor.views.common import (
     MOST_OUTCOMES,
     RESULTS,
     Told,
+    choice_of,
     entry_of,
     first_of,
     link_to,
     links_in,
     maker_of,
     paging_of,
+    refuse_unknown,
     starts_with,
     text_of,
 )
@@ -36,8 +38,9 @@ from resim.supervisor.views.common import (
 
 def results(supervisor: Supervisor, request: Request) -> Told:
     """All results, the newest first."""
-    kind, verdict, first = text_of(request, "kind"), text_of(request, "verdict"), first_of(request)
-    text = text_of(request, "text")
+    refuse_unknown(request, "text", "kind", "verdict", "first")
+    kind, verdict = choice_of(request, "kind", RESULTS), choice_of(request, "verdict", VERDICTS)
+    text, first = text_of(request, "text"), first_of(request)
     kinds = tuple(k for k in RESULTS if k == kind) or RESULTS
     page = find_page(supervisor.catalog, LakeQuery(text, kinds, verdict=verdict), first=first, most=EACH)
     return "results.html", {

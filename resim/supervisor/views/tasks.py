@@ -23,6 +23,7 @@ from resim.supervisor.views.common import (
     link_to,
     paging,
     progress_of,
+    refuse_unknown,
     task_of,
     text_of,
     unfinished_by_state,
@@ -31,6 +32,7 @@ from resim.supervisor.views.common import (
 
 def tasks(supervisor: Supervisor, request: Request) -> Told:
     """What runs, what waits, and what ended."""
+    refuse_unknown(request, "first")
     first, counts = first_of(request), supervisor.queue.counts()
     unfinished = unfinished_by_state(supervisor)
     ended = supervisor.queue.ended(first, EACH)

@@ -1,0 +1,111 @@
+"""`resim tasks`: the queue of the Supervisor, in the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from resim.cli.app import app, command
+from resim.cli.terminal import add_to_json, say, visible
+from resim.core.errors import InputError
+
+if TYPE_CHECKING:
+    from resim.results.queue import QueuedTask
+
+tasks = typer.Typer(
+    help="Tasks of the Supervisor (`resim serve`): list them, and cancel, pause, repeat or reorder them.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(tasks, name="tasks")
+SHORT = 6
+"""Digits of an id that are shown."""
+
+Task = Annotated[str, typer.Argument(metavar="ID", help="Id of the task, or its first four or more digits.")]
+
+
+@command(tasks, "list")
+def list_(
+    ended: Annotated[int, typer.Option(min=0, max=100_000, help="Tasks at most of those that ended.")] = 20,
+) -> None:
+    """List tasks: those that pause, run and wait, in their order, then those that ended, the latest first."""
+    from resim.jobs.lake import the_catalog
+    from resim.jobs.tasks import list_tasks
+
+    found = list_tasks(the_catalog(), ended=ended)
+    add_to_json(tasks=[_told(one) for one in found])
+    for one in found:
+        say(_line(one))
+    if not found:
+        say("no tasks; `resim serve` starts them")
+
+
+@command(tasks)
+def cancel(task: Task) -> None:
+    """End a task that waits or pauses, and stop one that runs."""
+    _steer(task, "cancel", "has ended already")
+
+
+@command(tasks)
+def pause(task: Task) -> None:
+    """Let a task wait until it is resumed; one that runs is stopped, and keeps what it can resume."""
+    _steer(task, "pause", "neither waits nor runs")
+
+
+@command(tasks)
+def resume(task: Task) -> None:
+    """Let a paused task wait again, at its place."""
+    _steer(task, "resume", "is not paused")
+
+
+@command(tasks)
+def retry(task: Task) -> None:
+    """Let a task that ended wait again, behind all others."""
+    _steer(task, "retry", "has not ended")
+
+
+@command(tasks)
+def first(task: Task) -> None:
+    """Let a task that waits come before all others."""
+    _steer(task, "first", "does not wait")
+
+
+@command(tasks)
+def earlier(task: Task) -> None:
+    """Let a task that waits change places with the one before."""
+    _steer(task, "earlier", "does not wait, or is the first one")
+
+
+@command(tasks)
+def later(task: Task) -> None:
+    """Let a task that waits change places with the one behind."""
+    _steer(task, "later", "does not wait, or is the last one")
+
+
+def _steer(task: str, act: str, too_late: str) -> None:
+    from resim.jobs.lake import the_catalog
+    from resim.jobs.tasks import steer_task
+
+    found, done = steer_task(the_catalog(), task, act)
+    if not done:
+        raise InputError(task, f"{too_late}: it is {found.state}", "`resim tasks list` shows all.")
+    add_to_json(**_told(found))
+    say(_line(found))
+
+
+def _told(one: QueuedTask) -> dict[str, object]:
+    return {
+        "id": one.id, "job": one.job, "state": _state(one), "command": [*one.call], "folder": one.folder,
+        "host": one.host, "priority": one.priority, "attempt": one.attempt, "code": one.code, "told": one.told,
+    }  # fmt: skip
+
+
+def _line(one: QueuedTask) -> str:
+    names = " ".join(word.rsplit("/", 1)[-1] for word in one.words if word.startswith("/"))
+    why = f": {one.told}" if one.told and one.state in ("failed", "lost", "bad") else ""
+    return visible(f"{one.id[:SHORT]} {one.job} {names}: {_state(one)}{why}".replace(" :", ":"))
+
+
+def _state(one: QueuedTask) -> str:
+    return "pausing" if one.is_pausing else "stopping" if one.stop and one.state == "running" else one.state

@@ -1,0 +1,89 @@
+"""Tasks of the Supervisor: see them, and cancel, pause, repeat or reorder them; what `resim tasks` and pages do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from resim.core.errors import InputError
+from resim.results.catalog import Catalog
+from resim.results.queue import QueuedTask, TaskQueue
+
+MOST_WAITING = 10_000
+"""Tasks that may wait or pause."""
+HIGHEST = 1_000_000
+
+
+def check_room(queue: TaskQueue, what: str) -> None:
+    """Refuse a further task where very many wait.
+
+    Args:
+        queue: The queue.
+        what: Is to be put in.
+
+    Raises:
+        InputError: There is no room.
+    """
+    counts = queue.counts()
+    if counts.get("waiting", 0) + counts.get("paused", 0) >= MOST_WAITING:
+        raise InputError(
+            what, f"has to wait: {MOST_WAITING} tasks are waiting already", "Cancel some of them."
+        )
+
+
+def _retry(queue: TaskQueue, name: str) -> bool:
+    check_room(queue, name)
+    return queue.retry(name)
+
+
+def _first(queue: TaskQueue, name: str) -> bool:
+    highest = max((t.priority for t in queue.unfinished() if t.state == "waiting"), default=0)
+    return queue.prioritise(name, min(highest + 1, HIGHEST))
+
+
+ACTS: Mapping[str, Callable[[TaskQueue, str], bool]] = {
+    "cancel": TaskQueue.cancel,
+    "pause": TaskQueue.pause,
+    "resume": TaskQueue.resume,
+    "retry": _retry,
+    "first": _first,
+    "earlier": lambda queue, name: queue.move(name, -1),
+    "later": lambda queue, name: queue.move(name, 1),
+}
+"""What may be done with a task; each says whether there was anything to do."""
+
+
+def list_tasks(catalog: Catalog, *, ended: int = 20) -> list[QueuedTask]:
+    """Give tasks: those that pause, run and wait, in their order, then those that ended, the latest first.
+
+    Args:
+        catalog: In whose database the queue is.
+        ended: How many of those that ended, at most.
+
+    Returns:
+        The tasks.
+
+    Raises:
+        InputError: The database cannot be used.
+    """
+    queue = TaskQueue(catalog)
+    return [*queue.unfinished(), *queue.ended(0, ended)]
+
+
+def steer_task(catalog: Catalog, wanted: str, act: str) -> tuple[QueuedTask, bool]:
+    """Do something with a task.
+
+    Args:
+        catalog: In whose database the queue is.
+        wanted: Its id, or the first four or more digits of it.
+        act: One of ACTS.
+
+    Returns:
+        The task as it is now, and whether there was anything to do.
+
+    Raises:
+        InputError: There is no such task, or no room, or the database cannot be used.
+    """
+    queue = TaskQueue(catalog)
+    name = queue.find(wanted)
+    done = ACTS[act](queue, name)
+    return queue.get(name), done

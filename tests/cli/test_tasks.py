@@ -1,0 +1,79 @@
+"""`resim tasks` steers the queue as the pages do, and `resim lake compare` compares builds as they do."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Call
+
+from resim.results.catalog import Catalog
+from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
+from resim.results.queue import TaskQueue
+
+
+@pytest.fixture
+def catalog(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Catalog:
+    monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / "catalog.sqlite"))
+    return Catalog(str(tmp_path / "catalog.sqlite"))
+
+
+def order(call: Call) -> list[tuple[str, str]]:
+    code, out, _ = call("tasks", "list", "--json")
+    assert code == 0
+    return [(one["id"][:4], one["state"]) for one in json.loads(out)["tasks"]]
+
+
+def test_tasks_are_listed_and_steered(catalog: Catalog, call: Call) -> None:
+    assert "no tasks" in call("tasks", "list")[1]
+    queue = TaskQueue(catalog)
+    for name in ("aaaa0000aaaa0000", "bbbb0000bbbb0000", "cccc0000cccc0000"):
+        queue.add(name, "check", ("check", "--", "/drives/cut_in"), f"/tasks/{name}")
+    for words, expected in (
+        (("first", "cccc"), ["cccc", "aaaa", "bbbb"]), (("earlier", "bbbb0"), ["cccc", "bbbb", "aaaa"]),
+        (("later", "cccc"), ["bbbb", "cccc", "aaaa"]),
+    ):  # fmt: skip
+        assert call("tasks", *words)[0] == 0
+        assert [name for name, _ in order(call)] == expected
+    assert "aaaa00 check cut_in: paused" in call("tasks", "pause", "aaaa")[1]
+    assert "aaaa00 check cut_in: waiting" in call("tasks", "resume", "aaaa")[1]
+    assert "bbbb00 check cut_in: cancelled" in call("tasks", "cancel", "bbbb")[1]
+    assert ("bbbb", "cancelled") in order(call)
+    assert "bbbb00 check cut_in: waiting" in call("tasks", "retry", "bbbb")[1]
+    for words, why in (
+        (("resume", "aaaa"), "is not paused: it is waiting"), (("retry", "aaaa"), "has not ended"),
+        (("cancel", "dddd"), "is no task"), (("cancel", "aa"), "4 or more digits"), (("cancel", "%___"), "is no task"),
+    ):  # fmt: skip
+        code, _, err = call("tasks", *words)
+        assert (code, why in " ".join(err.split())) == (2, True), (words, err)
+
+
+def test_builds_are_compared_under_equal_circumstances(catalog: Catalog, call: Call) -> None:
+    def result(label: str, day: int, verdict: str, criteria: str) -> None:
+        inputs = (
+            CatalogInput("recording", "cut_in", "", "cd" * 32),
+            CatalogInput("build", label, "", label[-1] * 64),
+        )
+        one = CatalogEntry("run", "cut_in", Path(f"/r/{day}"), "h", f"2026-11-0{day}T05:00:00+00:00", f"{day}", "0.1",
+                           verdict)  # fmt: skip
+        outcome = CatalogOutcome("cut_in", label, "rGT", verdict)
+        made = CatalogFact("circumstances", json.dumps({"criteria": criteria}))
+        catalog.add(replace(one, inputs=inputs, outcomes=(outcome,), facts=(made,)))
+
+    def compared(*builds: str) -> Any:
+        code, out, _ = call("lake", "compare", *builds, "--json")
+        assert code == 0
+        return [(pair["change"], pair["differs"]) for pair in json.loads(out)["pairs"]]
+
+    result("pilot-1", 1, "PASS", "highway")
+    result("pilot-2", 2, "FAIL", "strict")
+    assert compared("pilot-1", "pilot-2") == [("not comparable", ["criteria: highway, strict"])]
+    result("pilot-2", 3, "FAIL", "highway")
+    assert compared("pilot-1", "2222") == [("worse", [])]
+    assert "worse: cut_in, run rGT: PASS and FAIL" in call("lake", "compare", "pilot-1", "pilot-2")[1]
+    assert [line.split()[1] for line in call("lake", "builds")[1].splitlines()] == ["pilot-1", "pilot-2"]
+    code, _, err = call("lake", "compare", "pilot-1", "pilot-3")
+    assert (code, "is no build that a result names" in err) == (2, True)
