@@ -84,7 +84,7 @@ def _converged(found: CoverageEntry) -> str:
         if np.isfinite(state.missing)
         else "nobody can tell how many more"
     )
-    return f"no: at least {more}{hours} until both upper ends can be at most {limit}"
+    return f"no: about {more}{hours} until both upper ends can be at most {limit}"
 
 
 def _map(space: Space, told: SpaceReport) -> Markup:
