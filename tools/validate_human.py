@@ -24,7 +24,7 @@ from resim.variations.kernels import COMPONENTS, ManeuverKernel, fit_kernel
 from resim.variations.likeness import Likeness, tell_apart, varied_traces, with_noise
 from resim.variations.training import LONGEST
 
-FOLDS, LEAST, DRAWS = 4, 200, 30
+FOLDS, LEAST, DRAWS, FEW = 4, 200, 100, 5
 BOXES = (0.005, 0.01, 0.02)
 
 
@@ -67,19 +67,43 @@ def told(found: Likeness) -> str:
 def correlated(label: str, rows: Floats, vehicle: np.ndarray) -> None:
     """Print the correlation of components of one half of the vehicles, by a kernel of the other."""
     mine = vehicle // FOLDS % 2 == 1
-    kernel = fit_kernel(label, rows[~mine], rows[mine], components=COMPONENTS)
-    found = evaluate(kernel, rows[mine])
-    print(f"half held out, {found.held_out} traces: largest Pearson {found.linear:.3f}, of independent components "
-          f"{independent(kernel, rows[mine]):.3f}; "
+    found = evaluate(*_halved(label, rows, mine))
+    bias, rng = independent(label, rows, mine, DRAWS), np.random.default_rng(0)
+    print(f"half held out, {found.held_out} traces: largest Pearson {_largest(label, rows, mine):.3f}, "
+          f"of normal components that are uncorrelated {found.linear_bias:.3f}, of independent ones of these values "
+          f"{bias.mean():.3f} (95 % of draws up to {np.quantile(bias, 0.95):.3f}); "
           f"largest nonlinear beyond its bias {found.nonlinear:.3f}")  # fmt: skip
+    beyond, each = [], np.unique(vehicle)
+    for _ in range(DRAWS):
+        mine = np.isin(vehicle, rng.permutation(each)[: len(each) // 2])
+        beyond.append(_largest(label, rows, mine) - independent(label, rows, mine, FEW).mean())
+    low, middle, high = np.quantile(beyond, [0.025, 0.5, 0.975])
+    print(f"{DRAWS} halves by chance: largest Pearson beyond its bias {middle:.3f} ({low:.3f} to {high:.3f})")
 
 
-def independent(kernel: ManeuverKernel, rows: Floats) -> float:
-    """The largest Pearson coefficient of these components where each is shuffled, the mean of DRAWS."""
-    scores, rng = kernel.components(rows), np.random.default_rng(0)
-    off = ~np.eye(scores.shape[1], dtype=bool)
-    drawn = [np.column_stack([rng.permutation(column) for column in scores.T]) for _ in range(DRAWS)]
-    return float(np.mean([np.abs(pearson(one)[off]).max() for one in drawn]))
+def independent(label: str, rows: Floats, mine: np.ndarray, draws: int) -> Floats:
+    """The largest Pearson coefficients (draws,) of the same halves, where components are known to be independent.
+
+    The components of all traces, each shuffled, are put together to traces, on which all is done again. That the axes
+    are of a sample as well is in it: of normal components each coefficient has the variance 1 / trained + 1 / held out.
+    """
+    every, rng = fit_kernel(label, rows, rows[:0], components=rows.shape[1]), np.random.default_rng(0)
+    scores, out = every.components(rows), []
+    for _ in range(draws):
+        made = every.features(np.column_stack([rng.permutation(column) for column in scores.T]))
+        out.append(_largest(label, made, mine))
+    return np.array(out)
+
+
+def _largest(label: str, rows: Floats, mine: np.ndarray) -> float:
+    """The largest Pearson coefficient of two components of those held out."""
+    kernel, held = _halved(label, rows, mine)
+    return float(np.abs(pearson(kernel.components(held)) - np.eye(kernel.count)).max())
+
+
+def _halved(label: str, rows: Floats, mine: np.ndarray) -> tuple[ManeuverKernel, Floats]:
+    """A kernel of the others, and what is held out."""
+    return fit_kernel(label, rows[~mine], rows[mine], components=COMPONENTS), rows[mine]
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import ndtr
 
 from resim.core.geometry import Floats
 
@@ -51,3 +52,14 @@ def nonlinear(signals: Floats, ranks: int = RANKS) -> Floats:
 def independent_nonlinear(samples: int, ranks: int = RANKS) -> float:
     """Give the coefficient that independent signals have on average: (b - 1)² / (2 N ln b)."""
     return (ranks - 1) ** 2 / (2.0 * samples * math.log(ranks))
+
+
+def uncorrelated_pearson(trained: int, samples: int, count: int) -> float:
+    """Give the largest coefficient that `count` components have on average which are uncorrelated in truth.
+
+    Coefficients of N samples scatter with 1 / N, and as much with the axes, which are of a sample as well (`trained`,
+    N_t): of normal components each has the variance 1 / N + 1 / N_t. Largest: of all pairs, in absolute value.
+    """
+    x = np.linspace(0.0, 10.0, 2001)
+    exceeds = 1.0 - (2.0 * ndtr(x) - 1.0) ** (count * (count - 1) // 2)
+    return float(np.trapezoid(exceeds, x)) * math.sqrt(1.0 / samples + 1.0 / trained) if count > 1 else 0.0

@@ -142,7 +142,7 @@ def features(tracks: Tracks, network: RoadNetwork, reach: SlotReach = PUBLISHED_
     samples, lanes = samples_of(tracks), lane_map(network)
     places, first = _places(samples, lanes)
     table = network.lane_table
-    heading = _lane_headings(lanes, places)
+    heading = lane_headings(lanes, places)
     own = samples.heading[places.point]
     off = np.abs(wrap_angle(heading - own))
     with_lane = off <= 0.5 * np.pi
@@ -201,8 +201,8 @@ def _at_height(network: RoadNetwork, found: LanePlaces, z: Floats) -> Bools:
     return np.asarray(near | ~some[found.point])
 
 
-def _lane_headings(lanes: MinedLanes, places: LanePlaces) -> Floats:
-    """Driving direction (M,) [rad] of the lanes' centres."""
+def lane_headings(lanes: MinedLanes, places: LanePlaces) -> Floats:
+    """Give the driving direction (M,) [rad] of the lanes' centres at places (M,)."""
     network = lanes.network
     table = network.lane_table
     names = np.array(list(network.roads) or [""])

@@ -5,10 +5,13 @@ in 0.7 % of samples. So noise is measured, of each piece of a track by its own f
 next to nothing, and the line is through as many samples as bring the slope's standard deviation down to a precision:
 clean data get three samples, and keep their moments exactly; noisy ones up to LONGEST to each side. Noise that lasts
 longer than that is motion. So with limits: a distance just above what is required would fall below it in every other
-sample.
+sample. What is held against a limit is read off a cubic (Savitzky and Golay 1964), which follows peaks, and at the ends
+of a track goes on to its last sample.
 """
 
 from __future__ import annotations
+
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +21,11 @@ from resim.mining.runs import bounds, stretches
 
 LONGEST = 1.0
 """s to each side that a line reaches at most (our choice): a quarter of a lane change."""
-FINE, AVERAGED = 0.01, 0.5
+FINE, AVERAGED = 0.01, 0.75
 """Standard deviation (of the values' unit) to which values are averaged, and s to each side at most (our choice)."""
+DEGREE = 3
+EVEN = 1.5
+"""Usual steps of time up to which samples follow one another; an average reaches over none that is longer."""
 BEYOND = 1.5
 """Standard deviations of an average beyond which it is below a limit, or above it again (our choice: misses and false
 labels are as many)."""
@@ -80,27 +86,27 @@ def half_widths(
     return half
 
 
-def below(t: Floats, values: Floats, piece: NDArray[np.integer], fine: float = FINE) -> Bools:
-    """Say in which samples (K,) values (K,) are below 0, noise apart: of exact ones just those that are.
+def below(
+    t: Floats, values: Floats, piece: NDArray[np.integer], limit: Floats | float = 0.0, fine: float = FINE
+) -> Bools:
+    """Say in which samples (K,) values (K,) are below a limit, noise apart: of exact ones just those that are.
 
-    Values are averaged to a deviation of `fine`, and are below 0 from where their average is surely so to where it
+    Values are averaged to a deviation of `fine`, and are below from where their average is surely so to where it
     surely is no more.
     piece (K,): what belongs together, in order; values are finite in all of a piece, or in none, where they are never
-    below.
+    below. limit: one, or (K,), which may have steps that values have not.
     """
     low, sure = np.zeros(len(t), dtype=bool), np.zeros(len(t), dtype=bool)
     if not len(t):
         return low
+    limits = np.broadcast_to(limit, t.shape)
     first = bounds(piece)
     for begin, end in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
-        own = values[begin:end]
-        if not np.isfinite(own[0]) or own.min() >= 0.0:
+        own, of = values[begin:end], slice(begin, end)
+        if not np.isfinite(own[0]) or not (own < limits[of]).any():
             continue
-        if end - begin >= FEWEST:
-            mean, band = _averaged(own, float(np.median(np.diff(t[begin:end]))), fine)
-        else:
-            mean, band = own, np.zeros(len(own))
-        low[begin:end], sure[begin:end] = mean < band, mean < -band
+        mean, band = _averaged(t[of], own, fine)
+        low[of], sure[of] = mean < limits[of] + band, mean < limits[of] - band
     out = np.zeros(len(t), dtype=bool)
     for begin, last in zip(*stretches(low, piece), strict=True):
         out[begin : last + 1] = sure[begin : last + 1].any()
@@ -112,13 +118,36 @@ def _noise(values: Floats) -> float:
     return NORMAL * float(np.median(np.abs(np.diff(values, 4)))) / float(np.sqrt(70.0))
 
 
-def _averaged(values: Floats, dt: float, fine: float) -> tuple[Floats, Floats]:
-    """Averages (K,) of values (K,), `dt` [s] apart, to a deviation of `fine`, and how far off (K,) each may be."""
-    count, sigma = len(values), _noise(values)
-    half = min(int(np.ceil(0.5 * ((sigma / fine) ** 2 - 1.0))), int(AVERAGED / dt), count)
-    k = np.arange(count)
-    reach = np.minimum(max(half, 0), np.minimum(k, count - 1 - k))
-    total = np.concatenate([[0.0], np.cumsum(values - values[0])])
-    counted = 2.0 * reach + 1.0
-    mean = (total[k + reach + 1] - total[k - reach]) / counted + values[0]
-    return np.where(reach > 0, mean, values), BEYOND * sigma / np.sqrt(counted)
+def _averaged(t: Floats, values: Floats, fine: float) -> tuple[Floats, Floats]:
+    """Averages (K,) of values (K,) to a deviation of `fine`, and how far off (K,) each may be."""
+    mean, band = values.copy(), np.zeros(len(values))
+    if len(values) < FEWEST:
+        return mean, band
+    sigma, step = _noise(values), np.diff(t)
+    dt = float(np.median(step))
+    band[:] = BEYOND * sigma
+    wanted = int(
+        np.ceil(0.5 * (2.25 * (sigma / fine) ** 2 - 1.0))
+    )  # a cubic in n values has sigma sqrt(9 / 4n)
+    cuts = np.concatenate([[0], np.flatnonzero(step > EVEN * dt) + 1, [len(values)]])
+    for begin, end in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
+        half = min(wanted, int(AVERAGED / dt), (end - begin - 1) // 2)
+        if 2 * half <= DEGREE:
+            continue
+        weights, own = _cubic(half), values[begin:end] - values[begin]
+        inner = slice(begin + half, end - half)
+        mean[inner] = np.convolve(own, weights[half], "valid")
+        mean[begin : begin + half] = weights[:half] @ own[: 2 * half + 1]
+        mean[end - half : end] = weights[half + 1 :] @ own[-2 * half - 1 :]
+        mean[begin:end] += values[begin]
+        spread = BEYOND * sigma * np.sqrt(np.diag(weights))
+        band[inner] = spread[half]
+        band[begin : begin + half], band[end - half : end] = spread[:half], spread[half + 1 :]
+    return mean, band
+
+
+@lru_cache(maxsize=64)
+def _cubic(half: int) -> Floats:
+    """The weights (n, n) by which n = 2 half + 1 values in a row give those of the cubic of least squares."""
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, 2 * half + 1), DEGREE + 1))
+    return np.asarray(basis @ basis.T)

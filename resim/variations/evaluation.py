@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resim.core.correlation import RANKS, independent_nonlinear, nonlinear, pearson
+from resim.core.correlation import (
+    RANKS,
+    independent_nonlinear,
+    nonlinear,
+    pearson,
+    uncorrelated_pearson,
+)
 from resim.core.geometry import Floats
 from resim.variations.kernels import ManeuverKernel
 
@@ -26,7 +32,9 @@ class KernelEvaluation:
         label: The maneuver.
         held_out: How many traces.
         missing: How many more it takes until anything is shown.
-        linear: Largest absolute Pearson coefficient of two components; NaN for fewer than two traces.
+        linear: Largest absolute Pearson coefficient of two components, less `linear_bias`; NaN for fewer than two
+            traces.
+        linear_bias: What components that are uncorrelated in truth would have on average.
         nonlinear: Largest nonlinear coefficient of two components, less `bias`; NaN where there are too few traces.
         bias: What independent components would have on average.
         reconstruction: Mean relative error.
@@ -36,6 +44,7 @@ class KernelEvaluation:
     held_out: int
     missing: int
     linear: float
+    linear_bias: float
     nonlinear: float
     bias: float
     reconstruction: float
@@ -60,13 +69,23 @@ def evaluate(kernel: ManeuverKernel, held_out: Floats) -> KernelEvaluation:
     """Evaluate a kernel on held-out features (M, F)."""
     count = len(held_out)
     scores = kernel.components(held_out)
-    linear = _largest(pearson(scores)) if count > 1 else np.nan
+    linear, expected = np.nan, np.nan
+    if count > 1:
+        expected = uncorrelated_pearson(kernel.traces, count, kernel.count)
+        linear = _largest(pearson(scores)) - expected
     more, bias = np.nan, np.nan
     if count >= RANKS:
         bias = independent_nonlinear(count)
         more = _largest(nonlinear(scores)) - bias
     return KernelEvaluation(
-        kernel.label, count, max(ENOUGH - count, 0), linear, more, bias, kernel.reconstruction_held_out
+        kernel.label,
+        count,
+        max(ENOUGH - count, 0),
+        linear,
+        expected,
+        more,
+        bias,
+        kernel.reconstruction_held_out,
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from resim.core.correlation import independent_nonlinear, nonlinear, pearson
+from resim.core.correlation import independent_nonlinear, nonlinear, pearson, uncorrelated_pearson
 from resim.core.geometry import Floats
 
 
@@ -69,6 +69,19 @@ def test_independent_signals_have_the_bias_that_is_named() -> None:
     ):  # of first order: cells with few samples are off
         mean = np.mean([nonlinear(rng.normal(size=(samples, 2)), b)[0, 1] for _ in range(60)])
         assert mean == pytest.approx(independent_nonlinear(samples, b), rel=off)
+
+
+@pytest.mark.parametrize(("trained", "samples", "count"), [(500, 500, 20), (2000, 300, 5)])
+def test_held_out_components_have_the_bias_that_is_named(trained: int, samples: int, count: int) -> None:
+    """Axes of a sample of uncorrelated signals, by their covariance, and the largest coefficient of another sample."""
+    rng, largest = np.random.default_rng(3), []
+    spread = 0.8 ** np.arange(count)
+    for _ in range(60):
+        _, axes = np.linalg.eigh(np.cov(rng.normal(size=(trained, count)) * spread, rowvar=False))
+        held = (rng.normal(size=(samples, count)) * spread) @ axes
+        largest.append(np.abs(np.corrcoef(held, rowvar=False) - np.eye(count)).max())
+    assert np.mean(largest) == pytest.approx(uncorrelated_pearson(trained, samples, count), rel=0.07)
+    assert uncorrelated_pearson(trained, samples, 1) == 0.0
 
 
 def test_a_constant_signal_correlates_with_nothing() -> None:

@@ -350,3 +350,28 @@ def test_who_stops_amid_a_lane_change_and_goes_on_changes_lane(tmp_path: Path) -
     cut = replace(tracks, valid=tracks.valid & (tracks.t < 14.5))
     told = [one for one in find_maneuvers(features(cut, network)) if one.label.startswith("lane_change")]
     assert [one.label for one in told] == ["lane_change_not_judged"]
+
+
+def test_askew_over_lanes_that_cross_is_not_against_them(tmp_path: Path) -> None:
+    """Two roads that cross without a junction, as some converters write: who turns left over their lanes goes against
+    neither; who drives all of one of them the wrong way does, and is told once."""
+    file = write_straight(tmp_path / "crossing.xodr")
+    second = file.read_text().partition("<road")[2].partition("</road>")[0]
+    second = second.replace('id="1"', 'id="2"', 1).replace(
+        'x="0" y="0" hdg="0"', 'x="110.5" y="400" hdg="-1.5707963"'
+    )
+    file.write_text(file.read_text().replace("</OpenDRIVE>", f"<road{second}</road></OpenDRIVE>"))
+    t = np.arange(0.0, 6.0, 0.04)
+    ways = {
+        "turns": (115.0 - 4.0 * t, -15.0 + 4.0 * t, 0.75 * np.pi),
+        "ghost": (160.0 - 20.0 * t, 0.0 * t - 1.75, np.pi),
+    }
+    states = np.stack([[x, y, np.full_like(t, h), np.hypot(np.gradient(x, t), np.gradient(y, t))]
+                       for x, y, h in ways.values()], axis=1)  # fmt: skip
+    x, y, heading, v = states
+    tracks = Tracks(
+        t=t, ids=np.array([*ways]), kind=np.array(["car", "car"]), x=x, y=y, heading=heading, v=v,
+        length=np.array([4.5, 4.5]), width=np.array([1.8, 1.8]), valid=np.ones(x.shape, dtype=bool),
+    )  # fmt: skip
+    found, maneuvers = mined(tracks, load(file))
+    assert [name for name, label in told(found, maneuvers) if label == "wrong_way"] == ["ghost"]

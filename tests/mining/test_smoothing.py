@@ -37,6 +37,35 @@ def test_noise_makes_one_stretch_of_one(seed: int) -> None:
     assert not below(T, np.abs(values) + 0.02, ONE).any()
 
 
+@pytest.mark.parametrize("ends", ["as a peak", "at its last sample", "at its first sample"])
+def test_who_is_below_for_a_moment_is_told(ends: str) -> None:
+    """By 0.12, for 0.46 s or at an end of the track for 0.06 s, with noise of 0.05: always; who touches 0 in few."""
+    falls = (
+        np.where(T < 10.0, 0.3 * (10.0 - T), 2.0 * (T - 10.0)) if ends == "as a peak" else 2.0 * (T[-1] - T)
+    )
+    exact = falls[::-1] if ends == "at its first sample" else falls
+    noise = np.random.default_rng(7).normal(0.0, 0.05, (100, len(T)))
+    found = [np.mean([below(T, row, ONE).any() for row in exact - past + noise]) for past in (0.12, 0.0)]
+    assert found[0] >= 0.95
+    assert found[1] <= 0.15
+
+
+def test_a_limit_may_step_where_values_do_not() -> None:
+    """20 until 8 s, 22 until 8.24 s, then 20 again, of values that fall slowly through 21 there, with noise."""
+    limit = np.where((T >= 8.0) & (T < 8.24), 22.0, 20.0)
+    for row in np.random.default_rng(3).normal(0.0, 0.05, (20, len(T))):
+        found = T[below(T, 21.2 - 0.02 * T + row, ONE, limit)]
+        assert found[[0, -1]] == pytest.approx([8.0, 8.2])
+
+
+def test_no_average_reaches_over_a_gap() -> None:
+    """Values are 1 above 0 before a gap of 0.4 s and 0.03 below it behind: all behind are below, with noise too."""
+    t = T[(T < 10.0) | (T > 10.4)]
+    for row in np.random.default_rng(3).normal(0.0, 0.02, (20, len(t))):
+        found = below(t, np.where(t < 10.2, 1.0, -0.03) + row, np.zeros(len(t), dtype=int))
+        np.testing.assert_array_equal(found, t > 10.2)
+
+
 def test_pieces_are_told_apart_and_what_is_not_there_is_never_below() -> None:
     values = np.where(T < 10.0, -1.0, np.inf)
     piece = (T >= 10.0).astype(int) + 2 * (T >= 15.0)

@@ -12,7 +12,7 @@ import numpy as np
 
 from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
-from resim.mining.runs import changes, joined, stretches
+from resim.mining.runs import joined, stretches
 from resim.mining.settings import MiningSettings
 from resim.mining.smoothing import below
 
@@ -31,7 +31,7 @@ def find_speeding(
         limit = np.where(np.isnan(limit), rules.limit, limit)
     over = samples.v - limit
     known = np.nan_to_num(limit, nan=np.inf)  # where there is no limit nobody is above it
-    holds = below(samples.t, known + rules.tolerance - samples.v, changes(samples.piece_of, known))
+    holds = below(samples.t, -samples.v, samples.piece_of, -(known + rules.tolerance))
     first, last = stretches(holds & samples.kinds(frozenset(settings.kinds)), samples.piece_of)
     for start, end in joined(first, last, samples.t, samples.piece_of, rules.join, 0.0):
         worst = start + int(np.nanargmax(over[start : end + 1]))
@@ -49,7 +49,7 @@ def find_standing(
     rules, samples = settings.standing, features.samples
     highest = np.nextafter(rules.speed, np.inf)  # up to it
     slow = [
-        below(samples.t, way * samples.v - highest, samples.piece_of, FINE_STANDING) for way in (1.0, -1.0)
+        below(samples.t, way * samples.v, samples.piece_of, highest, FINE_STANDING) for way in (1.0, -1.0)
     ]
     holds = slow[0] & slow[1] & samples.kinds(frozenset(settings.kinds))
     first, last = stretches(holds, samples.piece_of)

@@ -1,4 +1,8 @@
-"""Driving against the lane's direction: Kaefer's ghost driver (catalog, violating traffic laws)."""
+"""Driving against the lane's direction: Kaefer's ghost driver (catalog, violating traffic laws).
+
+Readings taken: in a junction nobody drives against a lane, and where lanes cross one another there is a junction,
+whatever the map calls it: who turns left there goes askew over lanes of other roads.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from resim.mining.features import Features
+from resim.core.geometry import Bools
+from resim.mining.features import Features, lane_headings
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import stretches
 from resim.mining.settings import MiningSettings
 
 WRONG = "wrong_way"
+ASKEW = np.sin(np.pi / 6.0)
+"""Sine of the angle from which on two lanes over one another cross (our choice)."""
 
 
 def find(
@@ -26,6 +33,8 @@ def find(
         lasts = float(samples.t[end] - samples.t[start])
         if lasts < rules.shortest or (lasts <= rules.overtaking and _overtakes(features, start, end)):
             continue
+        if lasts * (1.0 - float(np.mean(_crossed(features, start, end)))) < rules.shortest:
+            continue
         figures = {"v_mps": float(np.mean(samples.v[start : end + 1])), "duration_s": lasts}
         yield LabelledManeuver(WRONG, int(samples.owner[start]), start, end, start, figures=figures)
 
@@ -36,6 +45,17 @@ def _overtakes(features: Features, start: int, end: int) -> bool:
     if after >= len(features.passed) or features.samples.piece_of[after] != features.samples.piece_of[end]:
         return False
     return bool(features.passed[start] != 0 and features.passed[after] != 0 and features.with_lane[after])
+
+
+def _crossed(features: Features, start: int, end: int) -> Bools:
+    """Say at which of the samples from start to end a lane crosses the one that it is on."""
+    samples, network = features.samples, features.lanes.network
+    of = slice(start, end + 1)
+    places = network.lanes_at(samples.x[of], samples.y[of])
+    heading = lane_headings(features.lanes, places)
+    across = np.abs(np.sin(heading - features.lane_heading[of][places.point])) > ASKEW
+    across &= network.lane_table.drivable[places.row]
+    return np.isin(np.arange(end + 1 - start), places.point[across])
 
 
 FAMILIES.add(

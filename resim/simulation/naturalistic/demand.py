@@ -144,6 +144,9 @@ def _from_source(
     chosen = rng.choice(len(routes), count, p=shares / shares.sum())
     trucks = rng.random(count) < demand.truck_share
     drivers = {kind: _drivers(getattr(settings, kind), rng, count) for kind in ("car", "truck")}
+    for kind, drawn in drivers.items():  # last, so that all else is drawn as before there were these
+        drawn["lcAssertive"] = getattr(settings, kind).assertive.draw(rng, count)
+        drawn["actionStepLength"] = getattr(settings, kind).decides.draw(rng, count)
     for n in range(count):
         kind = "truck" if trucks[n] else "car"
         own = {name: round(float(values[n]), 4) for name, values in drivers[kind].items()}

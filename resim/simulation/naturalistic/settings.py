@@ -49,6 +49,8 @@ class PopulationSettings(Strict):
         deceleration: Comfortable braking [m/s²].
         speed_gain: How eagerly it changes lane to be faster (SUMO's lcSpeedGain).
         keep_right: How eagerly it changes back to the right (SUMO's lcKeepRight).
+        assertive: What gaps that SUMO asks for ahead and behind are divided by before it changes lane (lcAssertive).
+        decides: Time [s] between its decisions (actionStepLength), in steps of 0.2 s.
     """
 
     length: RandomNumber
@@ -61,6 +63,8 @@ class PopulationSettings(Strict):
     deceleration: RandomNumber
     speed_gain: RandomNumber = constant(1.0)
     keep_right: RandomNumber = constant(1.0)
+    assertive: RandomNumber = constant(1.0)
+    decides: RandomNumber = constant(0.2)
 
 
 class NaturalisticLaneChange(Strict):

@@ -74,14 +74,15 @@ def _header(kernels: KernelFile) -> Markup:
 
 def _summary(kernels: KernelFile, found: Mapping[str, KernelEvaluation]) -> Markup:
     head = ["maneuver", "traces", "held out", "components", "reconstruction", "of those held out",
-            f"largest |r| of two components (under {UNCORRELATED:g})", f"largest NCC (b = {RANKS}) beyond its bias",
+            f"largest |r| of two components beyond its bias (under {UNCORRELATED:g})",
+            f"largest NCC (b = {RANKS}) beyond its bias",
             "held-out traces show it"]  # fmt: skip
     rows = []
     for name, one in found.items():
         kernel = kernels.kernels[name]
         rows.append([
             name, str(kernel.traces), str(kernel.held_out), str(kernel.count), _share(kernel.reconstruction),
-            _share(one.reconstruction), _or_none(one.linear),
+            _share(one.reconstruction), f"{_or_none(one.linear)} (bias {_or_none(one.linear_bias)})",
             f"{_or_none(one.nonlinear)} (bias {_or_none(one.bias)})", verdict(one),
         ])  # fmt: skip
     rows += [

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from resim.core.distribution import RandomNumber, constant
 from resim.core.errors import InputError
 from resim.core.overlaps import first_overlaps
 from resim.jobs.check import check
@@ -118,6 +119,29 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path: Path,
         one, two, three = ((tmp_path / name / "000" / file).read_bytes() for name in "abc")
         assert one == two
         assert one != three
+
+
+def test_drivers_who_cut_in_differ_from_others_by_what_is_said_alone() -> None:
+    """Assertiveness and time between decisions go to SUMO by its names, and move no other draw of the same seed."""
+    network = load(MAPS["motorway"])
+    edges = read_edges(sumo_net(network).path)
+    plain = read_naturalistic(SETTINGS["motorway"])
+    own = {"assertive": RandomNumber(kind="uniform", min=20.0, max=200.0), "decides": constant(2.0)}
+    other = plain.model_copy(update={"car": plain.car.model_copy(update=own)})
+    names, cars = ("lcAssertive", "actionStepLength"), 0
+    for one, two in zip(*(spawn(edges, network, told, 300.0, 1) for told in (plain, other)), strict=True):
+        drawn = [dict(vehicle.parameters) for vehicle in (one, two)]
+        mine, theirs = (tuple(told.pop(name) for name in names) for told in drawn)
+        assert drawn[0] == drawn[1]
+        assert (one.id, one.kind, one.depart, one.edges) == (two.id, two.kind, two.depart, two.edges)
+        assert mine == (1.0, 0.2)
+        if one.kind == "car":
+            assert 20.0 <= theirs[0] <= 200.0
+            assert theirs[1] == 2.0
+            cars += 1
+        else:
+            assert theirs == mine
+    assert cars > 0
 
 
 def test_demand_is_what_the_settings_say() -> None:
