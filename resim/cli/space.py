@@ -117,9 +117,7 @@ def _tell_coverage(found: CoverageEntry) -> None:
     if state.converged:
         say("discovery and expansion have stopped")
     else:
-        say(
-            f"not converged: about {number(state.missing)} more scenarios, {number(state.missing_hours)} h"
-        )
+        say(f"not converged: about {number(state.missing)} more scenarios, {number(state.missing_hours)} h")
 
 
 @command(space_app, "cover")

@@ -24,7 +24,9 @@ def hours_for_kinds(seen: ExposedScenarios, unseen: float, confidence: float, ho
         return np.nan
     if unseen_share(counts[counts > 0], confidence=level).high <= unseen:
         return 0.0
-    needed = unseen_share(np.array([MOST]), confidence=level).high * MOST / unseen  # the upper end is so much by count
+    needed = (
+        unseen_share(np.array([MOST]), confidence=level).high * MOST / unseen
+    )  # the upper end is so much by count
     return max(needed / count - 1.0, 0.0) * hours
 
 
