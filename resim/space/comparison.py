@@ -16,6 +16,7 @@ from resim.core.errors import InputError
 from resim.core.intervals import CONFIDENCE
 from resim.core.provenance import versions
 from resim.core.spec import EXACT
+from resim.core.spelling import counted
 from resim.space.build import cluster_buckets
 from resim.space.model import Space
 from resim.space.statistics.rates import IntervalEstimate, share, spread_of
@@ -123,7 +124,8 @@ def compare_spaces(both: Space, names: tuple[str, str], hashes: tuple[str, str])
     space, occasion = rows["batch"].to_numpy(int), rows["occasion"].to_numpy(np.intp)
     counts = np.stack([_occasions(kind[space == k], occasion[space == k], len(label)) for k in (0, 1)])
     total = counts.sum(axis=1)
-    spread = tuple(_spread(kind[space == k], occasion[space == k]) for k in (0, 1))
+    drive = np.asarray(rows.groupby(["batch", "source", "recording"], sort=False).ngroup(), dtype=np.intp)
+    spread = tuple(_spread(kind[space == k], occasion[space == k], drive[space == k]) for k in (0, 1))
     shares = [[share(c / spread[k], total[k] / spread[k]) for c in counts[k].tolist()] for k in (0, 1)]
     medoids, buckets = (_of_cluster(rows, column, label) for column in ("scenario", "bucket"))
     kinds = [
@@ -138,8 +140,10 @@ def compare_spaces(both: Space, names: tuple[str, str], hashes: tuple[str, str])
     words = ("first", "second")
     notes = [f"the {word} space: {_driven_by(rows['build'][space == k])}" for k, word in enumerate(words)]
     notes += [
-        f"the {word} space has {n} occasions: what is only in one may be only not seen in the other"
-        for word, n in zip(words, total.tolist(), strict=True) if n < 1000
+        f"the {word} space has {counted(n, 'occasion')} in {counted(drives, 'drive')}: what is only in one may be only "
+        "not seen in the other, and each drive may have kinds of its own"
+        for word, n, drives in zip(words, total.tolist(), (len(set(drive[space == k])) for k in (0, 1)), strict=True)
+        if n < 1000 or drives < 100
     ]  # fmt: skip
     notes += _elsewhere(rows, space) if both.settings.bucket == "road" else []
     return SpaceComparison(
@@ -223,11 +227,13 @@ def _occasions(kind: Ints, occasion: Ints, clusters: int) -> Ints:
     return np.bincount(np.unique(np.stack([kind, occasion]), axis=1)[0], minlength=clusters)
 
 
-def _spread(kind: Ints, occasion: Ints) -> float:
-    """How many kinds come at one occasion."""
+def _spread(kind: Ints, occasion: Ints, drive: Ints) -> float:
+    """How many occasions of kinds come in one drive: drives of one population may have kinds of their own, so that two
+    sets of few drives are apart, and show nothing of two populations."""
     if not len(kind):
         return 1.0
-    return spread_of(np.unique(np.unique(np.stack([kind, occasion]), axis=1)[1], return_counts=True)[1])
+    _, first = np.unique(np.stack([kind, occasion]), axis=1, return_index=True)
+    return spread_of(np.unique(drive[first], return_counts=True)[1])
 
 
 def _of_cluster(rows: pd.DataFrame, column: str, label: np.ndarray) -> list[str]:

@@ -527,6 +527,23 @@ def test_the_limits_that_ship_have_sources() -> None:
     assert len(digest) == 64
 
 
+def test_two_sets_of_drives_of_one_population_are_not_shown_to_be_apart() -> None:
+    """Each drive has kinds of its own: few drives are apart, whatever they are of."""
+    rng, apart = np.random.default_rng(3), 0
+    for k in range(6):
+        two = []
+        for name in ("one", "other"):
+            drives = [
+                source(f"{name}{d}", rng.choice(KINDS[:6], 20, p=rng.dirichlet(np.full(6, 0.5))).tolist(),
+                       100 * k + 10 * len(two) + d, each=20) for d in range(3)
+            ]  # fmt: skip
+            two.append(build_space(drives))
+        found = compare_spaces(together(*two), ("", ""), ("", ""))
+        assert found.apart.value > 0.1
+        apart += found.apart.low > 0.0
+    assert apart == 0
+
+
 def test_two_spaces_beside_each_other() -> None:
     people = build_space([source("people", [*KINDS[:6]] * 40, 1)])
     robots = build_space([source("robots", [*KINDS[3:9]] * 40, 2)])
