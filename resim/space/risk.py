@@ -352,6 +352,13 @@ def cover_notes(members: pd.DataFrame, drives: Sequence[TestDrive]) -> list[str]
         out.append(
             f"{int((~counts).sum())} of {len(counts)} simulated members do not count, most since: {why.index[0]}"
         )
+    lost = int(
+        (members["cluster"] == "").to_numpy(bool)[members["collided"].fillna(True).to_numpy(bool)].sum()
+    )
+    if lost:
+        out.append(
+            f"{lost} simulated members of no cluster collide, or may: how often such scenarios come is not known"
+        )
     unknown = int((members["risk"].isna() | members["collided"].isna())[counts].sum())
     if unknown:
         out.append(f"{unknown} members that count have no known risk or end: they count as accidents")

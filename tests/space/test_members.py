@@ -543,6 +543,13 @@ def test_the_command_that_repeats_a_member_is_told_all(
         assert traffic_of(str(tmp_path / "traffic.toml")) == traffic
 
 
+def test_collisions_in_no_cluster_are_told(space: Space) -> None:
+    runs = [replace(RUN, name=str(k), collided=hit) for k, hit in enumerate((True, None, False))]
+    members = judged_members(space, runs, [DRIVE], known(run="jam", drive="jam"), 0.7)
+    notes = [note for note in cover_notes(members, [DRIVE]) if "of no cluster collide" in note]
+    assert [note.split(":")[0] for note in notes] == ["2 simulated members of no cluster collide, or may"]
+
+
 def test_verifications_by_other_tolerances_are_not_put_together(tmp_path: Path) -> None:
     """Within wide enough tolerances everything is verified."""
     write_drive(tmp_path, 60.0, "b")
