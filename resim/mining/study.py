@@ -22,6 +22,7 @@ from resim.core.files import check_hashes, file_hash, relative
 from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, to_json
+from resim.core.tracks import Tracks
 from resim.mining.cutting import AROUND, NEAR, CutSource
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
@@ -44,7 +45,7 @@ from resim.mining.slots import map_folder, slot_frame, slot_traces
 from resim.mining.surroundings import SlotReach
 from resim.recordings import Recording, read_tables
 from resim.recordings.checked import finding_lines, load_checked
-from resim.recordings.content import content_hash, tracks_hash, traffic_hash
+from resim.recordings.content import content_hash, tracks_hash
 from resim.recordings.tables import read_parquet
 from resim.resimulation import AssessmentOptions, assess_recording
 from resim.results import write_json, write_parquet
@@ -348,7 +349,7 @@ def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[s
     first, last = samples.tracks.span()
     return MinedPart(
         recording=name, folder=folder, content=follows_from[0], tracks=follows_from[1],
-        traffic=traffic_hash(samples.tracks),
+        traffic=_traffic_hash(samples.tracks),
         key=follows_from[2],
         objects=len(samples.tracks),
         hours=float(dt.sum()) / 3600.0, kilometres=float(way.sum()) / 1000.0,
@@ -361,6 +362,16 @@ def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[s
         ego=mined.recording.ego, build=mined.recording.build, build_hash=mined.recording.build_hash,
         ended=_broke_off(mined.recording), collided=_collided(mined.recording), map=map_folder(mined.recording.map),
     )  # fmt: skip
+
+
+def _traffic_hash(tracks: Tracks) -> str:
+    """The SHA-256 of who was where, to the millimetre: of one drive in files of different bytes it is the same."""
+    order = np.argsort(tracks.ids)
+    told = hashlib.sha256("\n".join(tracks.ids[order].tolist()).encode())
+    told.update(np.round(tracks.t - tracks.t[0], 4).tobytes())
+    for values in (tracks.x, tracks.y):
+        told.update((np.round(np.nan_to_num(values[order], nan=1e9), 3) + 0.0).tobytes())
+    return told.hexdigest()
 
 
 def _broke_off(recording: Recording) -> float | None:

@@ -7,11 +7,8 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
 from resim.core.errors import InputError
 from resim.core.files import file_hash
-from resim.core.tracks import Tracks
 from resim.recordings.settings import SETTINGS, read_settings
 
 _FILES = re.compile(r"(recording\.toml|(gt|sd|plan)\.(csv|parquet))")
@@ -31,16 +28,6 @@ def tracks_hash(folder: Path) -> str:
     files = {p.name: file_hash(p) for p in folder.iterdir() if p.name in ("gt.csv", "gt.parquet")}
     told = hash_of_hashes(files, file_hash(folder / settings.map))
     return hashlib.sha256(f"{told} {settings.ego}".encode()).hexdigest()
-
-
-def traffic_hash(tracks: Tracks) -> str:
-    """Give the SHA-256 of who was where, to the millimetre: of one drive in files of different bytes it is the same."""
-    order = np.argsort(tracks.ids)
-    told = hashlib.sha256("\n".join(tracks.ids[order].tolist()).encode())
-    told.update(np.round(tracks.t - tracks.t[0], 4).tobytes())
-    for values in (tracks.x, tracks.y):
-        told.update((np.round(np.nan_to_num(values[order], nan=1e9), 3) + 0.0).tobytes())
-    return told.hexdigest()
 
 
 def refuse_changed(folder: Path, digest: str | None) -> None:
