@@ -126,6 +126,7 @@ def test_it_keeps_its_lane_and_speed_follows_and_brakes_where_there_is_no_way(
 
 
 @there
+@pytest.mark.slow
 def test_several_at_once_answer_as_each_alone() -> None:
     build = load_build(BUILD)
     starts = [START, START._replace(v=25.0)]

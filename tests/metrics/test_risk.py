@@ -179,6 +179,7 @@ def crossing(count, rng):
     return ego, np.stack(state, axis=1)[:, None]
 
 
+@pytest.mark.slow
 def test_the_default_agrees_with_a_reference_forty_times_finer():
     """Target: RMS at most 1 %, bias at most 0.3 %, no contact missed; reference: 2.5 ms, 256 other samples."""
     ego, state = crossing(24, np.random.default_rng(5))

@@ -134,6 +134,7 @@ def unit2(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return unit(tmp_path_factory.mktemp("unit2"))
 
 
+@pytest.mark.slow
 def test_a_unit_drives_as_the_same_function_in_python_does(unit2: Path, tmp_path: Path) -> None:
     (tmp_path / "follow.py").write_text(PYTHON, encoding="utf-8")
     here = tmp_path / "here.toml"

@@ -246,6 +246,7 @@ BATCHED = FOLLOW.replace(
 )
 
 
+@pytest.mark.slow
 def test_a_process_may_answer_many_runs_at_once(build: Callable[..., Path], tmp_path: Path) -> None:
     path = build(COMMAND + "batches = true\n")
     (tmp_path / "follow.py").write_text(BATCHED, encoding="utf-8")

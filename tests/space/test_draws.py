@@ -135,7 +135,7 @@ def test_the_limit_holds_where_drives_differ(drives: int) -> None:
     assert held >= 0.93 * 300
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 7), st.sampled_from([0.0, 0.1, 0.5, 1.0, np.nan]), st.booleans()), min_size=1),
        st.data())  # fmt: skip
 def test_a_member_that_no_longer_counts_or_is_known_makes_no_limit_smaller(

@@ -75,7 +75,7 @@ def seen() -> Space:
 
 
 def test_a_function_that_is_safe_in_all_that_is_known_is_released(seen: Space) -> None:
-    found = decided(seen, members(seen, 5000, 0.0), limits(0.3))
+    found = decided(seen, members(seen, 80, 0.0), limits(0.3))
     assert found.verdict == "good"
     assert found.statement.startswith("The AD function is tested against a set of scenarios we trust")
     assert (
@@ -107,7 +107,7 @@ def test_a_function_that_crashes_is_not_and_the_cluster_is_named() -> None:
     "what", ["no cover", "no calibration", "few members", "no members", "no hours", "too low"]
 )
 def test_what_is_not_known_is_not_shown(seen: Space, what: str) -> None:
-    frame, calibration, space = members(seen, 5000, 0.0), GOOD, seen
+    frame, calibration, space = members(seen, 80, 0.0), GOOD, seen
     if what == "no cover":
         assert decide(seen, None, limits(0.3), HASHES).verdict == "not shown"
         return
@@ -300,7 +300,7 @@ def test_where_nothing_is_known_no_interval_is_told(seen: Space) -> None:
 
 
 def test_risk_is_believed_where_held_out_drives_have_such_a_risk(seen: Space) -> None:
-    frame = members(seen, 5000, 0.0)
+    frame = members(seen, 80, 0.0)
     frame.loc[frame["cluster"] == "1.2", "risk"] = 0.005
     benign = reliability(np.zeros(4000), np.zeros(4000))
     assert benign.verdict == "calibrated"
@@ -334,18 +334,18 @@ def test_scenarios_that_nobody_simulated_may_be_accidents(seen: Space) -> None:
 def test_recordings_that_are_no_scenarios_make_nothing_better(seen: Space) -> None:
     """Harmless ones would dilute the risk, and nobody knows how often they come."""
     frame = members(seen, 40, 0.02)
-    beside = members(seen, 5000, 0.0)
+    beside = members(seen, 80, 0.0)
     beside["draw"] = [f"elsewhere {k}" for k in range(len(beside))]
     alone, both = (cluster_risks(seen, one, "f-1")[0] for one in (frame, pd.concat([frame, beside])))
-    assert (alone.drives, both.drives, both.not_counted) == (40, 40, 5000)
-    assert both.why == {"its recording is no scenario of the space": 5000}
+    assert (alone.drives, both.drives, both.not_counted) == (40, 40, 80)
+    assert both.why == {"its recording is no scenario of the space": 80}
     assert risk_limit(both, 0.01, 30, GOOD).high >= risk_limit(alone, 0.01, 30, GOOD).high
     dangerous = cluster_risks(seen, pd.concat([frame, beside.assign(risk=0.5)]), "f-1")[0]
     assert risk_limit(dangerous, 0.01, 30, GOOD).high > 0.4
 
 
 def test_what_happened_in_no_scenario_is_not_released(seen: Space) -> None:
-    frame = members(seen, 5000, 0.0)
+    frame = members(seen, 80, 0.0)
     for changed in ({"accidents": {"b": 1}}, {"failed": ("r7",)}, {"left_out": 3}):
         other = replace(seen, sources=tuple(replace(one, **changed) for one in seen.sources))
         found = decided(other, frame, limits(0.3))
@@ -389,7 +389,7 @@ def test_hours_of_others_do_not_dilute_what_this_build_meets(seen: Space) -> Non
     def driven(**hours: float) -> Space:
         return replace(seen, sources=tuple(replace(one, driven_by=hours) for one in seen.sources))
 
-    frame = members(seen, 5000, 0.0)
+    frame = members(seen, 80, 0.0)
     covered = replace(cover(seen, frame), build="b")
     found = {
         name: decide(driven(**hours), covered, limits(0.3), HASHES)
@@ -408,7 +408,7 @@ def test_hours_of_others_do_not_dilute_what_this_build_meets(seen: Space) -> Non
 
 def test_an_accident_of_a_build_without_a_hash_may_be_of_any(seen: Space) -> None:
     build = "f-1"
-    frame = members(seen, 5000, 0.0)
+    frame = members(seen, 80, 0.0)
     name = str(seen.rows["scenario"].iloc[0])
     hit = replace(seen, rows=seen.rows.assign(build=UNKNOWN_BUILD, collided=seen.rows["scenario"] == name))
     plain, worse = ({one.cluster: one for one in cluster_risks(one, frame, build)} for one in (seen, hit))
@@ -423,7 +423,7 @@ def test_an_accident_of_a_build_without_a_hash_may_be_of_any(seen: Space) -> Non
 
 
 def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space, tmp_path: Path) -> None:
-    frame = members(seen, 5000, 0.0)
+    frame = members(seen, 80, 0.0)
     assert [one.met for one in decided(seen, frame, limits(0.3)).checks] == [True, True]
     other = replace(seen, sources=tuple(replace(one, accidents={"b": 50}) for one in seen.sources))
     found = decided(other, frame, limits(0.3))
@@ -492,7 +492,7 @@ def test_the_plan_leaves_out_nothing_that_the_limit_holds(seen: Space) -> None:
 
 def test_what_is_in_no_scenario_is_left_in_any_odd(seen: Space) -> None:
     other = replace(seen, sources=tuple(replace(one, accidents={"b": 50}) for one in seen.sources))
-    frame = members(seen, 5000, 0.0)
+    frame = members(seen, 80, 0.0)
     assert decided(seen, frame, limits(0.3)).remaining.enough
     assert not decided(other, frame, limits(0.3)).remaining.enough
 

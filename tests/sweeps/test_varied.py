@@ -94,6 +94,7 @@ def test_trust_is_that_of_what_was_verified(changed: dict[str, object], swept: l
     assert _unlike(verified, setup, swept) == why  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_components_move_by_standard_deviations(tmp_path: Path) -> None:
     parameter = '[[parameter]]\nname = "variation.c{}"\nvalues = [0.0, {}]\n'
     file = written(tmp_path, parameter.format(1, 0.1) + parameter.format(2, -0.2))
