@@ -18,6 +18,7 @@ from resim.core.provenance import versions
 from resim.core.spec import EXACT
 from resim.core.spelling import counted
 from resim.space.build import cluster_buckets
+from resim.space.draws import drive_numbers
 from resim.space.model import Space
 from resim.space.statistics.rates import IntervalEstimate, share, spread_of
 from resim.space.statistics.unseen import unseen_share
@@ -124,7 +125,7 @@ def compare_spaces(both: Space, names: tuple[str, str], hashes: tuple[str, str])
     space, occasion = rows["batch"].to_numpy(int), rows["occasion"].to_numpy(np.intp)
     counts = np.stack([_occasions(kind[space == k], occasion[space == k], len(label)) for k in (0, 1)])
     total = counts.sum(axis=1)
-    drive = np.asarray(rows.groupby(["batch", "source", "recording"], sort=False).ngroup(), dtype=np.intp)
+    drive = drive_numbers(rows)
     spread = tuple(_spread(kind[space == k], occasion[space == k], drive[space == k]) for k in (0, 1))
     shares = [[share(c / spread[k], total[k] / spread[k]) for c in counts[k].tolist()] for k in (0, 1)]
     medoids, buckets = (_of_cluster(rows, column, label) for column in ("scenario", "bucket"))

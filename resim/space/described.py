@@ -7,6 +7,7 @@ import pandas as pd
 
 from resim.core.provenance import versions
 from resim.space.coverage import SeenScenarios, coverage
+from resim.space.draws import drive_numbers
 from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
 from resim.space.statistics.rates import IntervalEstimate, rate, spread_of
@@ -40,7 +41,7 @@ def seen(space: Space, own: Ints) -> SeenScenarios:
     return SeenScenarios(
         kind, rows["occasion"].to_numpy(np.intp), rows["to_medoid"].to_numpy(float),
         rows["hours"].to_numpy(float), rows["kilometres"].to_numpy(float), space.driven,
-        np.asarray(rows.groupby(["source", "recording"], sort=False).ngroup(), dtype=np.intp),
+        drive_numbers(rows),
     )  # fmt: skip
 
 

@@ -14,14 +14,17 @@ import numpy as np
 import pandas as pd
 
 from resim.space.model import Space
+from resim.space.traces import Ints
+
+
+def drive_numbers(rows: pd.DataFrame) -> Ints:
+    """Give the number (N,) of the recording of each scenario, which is taken as one drive. rows: of a space."""
+    return np.asarray(rows.groupby(["batch", "source", "recording"], sort=False).ngroup(), dtype=np.intp)
 
 
 def scenario_draws(rows: pd.DataFrame) -> np.ndarray:
     """Give the draw (N,) of each scenario, by the name of the first one of its recording. rows: of the space."""
-    if not len(rows):
-        return np.zeros(0, dtype=object)
-    of = rows.groupby(["source", "recording"], sort=False).ngroup().to_numpy()
-    _, first, inverse = np.unique(of, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(drive_numbers(rows), return_index=True, return_inverse=True)
     return np.asarray(rows["scenario"].astype(str).to_numpy()[first[inverse]])
 
 

@@ -171,8 +171,7 @@ def _twin(run: SimulatedRun, first: dict[str, str]) -> str:
 
 
 def _own_reason(run: SimulatedRun, drives: Sequence[TestDrive]) -> str:
-    same = [one for one in drives if one.recording == run.recording]
-    if run.varied and {one.verdict for one in same} != {"verified"}:
+    if run.varied and {one.verdict for one in drives if one.recording == run.recording} != {"verified"}:
         return "it is a variation within ranges of its recording, which is not verified itself"
     if run.changed:
         return f"it is not what was verified: {run.changed}"

@@ -89,24 +89,19 @@ def _seen(told: SeenScenarios, left_out: int) -> ExposedScenarios:
     return ExposedScenarios(np.concatenate([told.kind, clusters + more]), occasion, clusters + left_out)
 
 
-def _alone(told: SeenScenarios) -> Iterator[str]:
-    """Where drives have more kinds that are in no other drive than what was seen tells."""
-    check = elsewhere(first_of_each(told))
-    if check is not None and check.found.low > check.predicted.high:
-        yield (
-            f"of a drive's scenarios at least {100.0 * check.found.low:.3g} % are of kinds that are in no other drive, "
-            f"where all together tell of at most {100.0 * check.predicted.high:.3g} %: the next drive is not as these"
-        )
-
-
-def _more_new(told: SeenScenarios) -> Iterator[str]:
-    """Where the later half of what was driven has more new kinds than the first one tells."""
-    check = halves(first_of_each(told))
-    if check is not None and check.found.low > check.predicted.high:
-        yield (
-            f"of the later half of scenarios at least {100.0 * check.found.low:.3g} % are of new kinds, where the "
-            f"first half tells of at most {100.0 * check.predicted.high:.3g} %: what comes is not as what was seen"
-        )
+def _unlike(told: SeenScenarios) -> Iterator[str]:
+    """Where the later half, or drives each by themselves, have more new kinds than what was seen tells."""
+    once = first_of_each(told)
+    checks = (
+        (halves(once), "of the later half of scenarios", "are of new kinds, where the first half tells",
+         "what comes is not as what was seen"),
+        (elsewhere(once), "of a drive's scenarios", "are of kinds that are in no other drive, where all together tell",
+         "the next drive is not as these"),
+    )  # fmt: skip
+    for check, whose, what, so in checks:
+        if check is not None and check.found.low > check.predicted.high:
+            found, predicted = 100.0 * check.found.low, 100.0 * check.predicted.high
+            yield f"{whose} at least {found:.3g} % {what} of at most {predicted:.3g} %: {so}"
 
 
 def _mixed(space: Space, build: str) -> Iterator[str]:
@@ -134,8 +129,7 @@ def _unknown(space: Space, told: SeenScenarios, cover: CoverReport | None) -> It
             f"{cover.accidents} of this build's test drives collide or break off and are not in the space: mine them, "
             "and build it of them as well"
         )
-    yield from _more_new(told)
-    yield from _alone(told)
+    yield from _unlike(told)
     if left_out := sum(one.left_out for one in space.sources):
         yield f"{left_out} scenarios have no slots: of which kinds they are is not known"
     if off := int((space.traces.lane < 0).sum()):

@@ -83,20 +83,3 @@ def share(count: float, of: float, confidence: float = CONFIDENCE) -> IntervalEs
         return IntervalEstimate(np.nan, np.nan, np.nan, confidence)
     low, high = exact(count / of, of, confidence=confidence)
     return IntervalEstimate(count / of, float(low), float(high), confidence)
-
-
-def weighted_rate_limit(counts: Floats, weights: Floats, driven: float, confidence: float) -> float:
-    """Give an upper limit, at this one-sided confidence, of a sum of rates with weights.
-
-    counts (C,): events of each kind; weights (C,): at least 0; driven: in the unit of the rate. M. Fay and E. Feuer,
-    Confidence intervals for directly standardized rates, Statistics in Medicine 16 (1997): a gamma distribution whose
-    mean and variance have one event more, of the kind with the largest weight.
-    """
-    if not driven > 0.0:
-        return float("inf")
-    largest = float(weights.max(initial=0.0))
-    if largest == 0.0:
-        return 0.0
-    mean = float((counts * weights).sum()) + largest
-    variance = float((counts * weights**2).sum()) + largest**2
-    return float(variance / mean * gammaincinv(mean**2 / variance, confidence)) / driven
