@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from resim.road.opendrive import RoadNetwork, load
+from resim.simulation.sumo.session import close_session
 
 HERE = Path(__file__)
 NETWORKS = HERE.parents[2] / "networks"
@@ -29,6 +30,25 @@ def shared_map():
         return maps[name]
 
     return get
+
+
+@pytest.fixture
+def started_sumo():
+    """Starts SUMO on a net, to drive in it without resim; gives libsumo, which holds one simulation in a process."""
+    import libsumo
+
+    started = []
+
+    def start(net: Path):
+        libsumo.close() if started else close_session()  # resim's own would not know that it is gone
+        command = ["sumo", "-n", str(net), "--step-length", "0.1", "--time-to-teleport", "-1"]
+        libsumo.start([*command, "--no-step-log", "--no-warnings", "--xml-validation", "never"])
+        started.append(net)
+        return libsumo
+
+    yield start
+    if started:
+        libsumo.close()
 
 
 @pytest.fixture

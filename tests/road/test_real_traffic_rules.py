@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from itertools import combinations
 
-import libsumo
 import numpy as np
 import pytest
 from lxml import etree
@@ -93,18 +92,13 @@ def test_no_two_ways_that_cross_are_green_without_one_that_gives_way(real_net, n
         assert all(any(phase.state[k] in "gG" for phase in program.getPhases()) for k in ways)
 
 
-def test_nobody_passes_red_in_town04(real_net):
+def test_nobody_passes_red_in_town04(real_net, started_sumo):
     _, converted = real_net("xodr/carla/Town04.xodr")
     net = read(converted)
-    command = ["sumo", "-n", str(converted.simulated), "--step-length", "0.1", "--time-to-teleport", "-1"]
-    libsumo.start([*command, "--no-step-log", "--no-warnings", "--xml-validation", "never"])
-    try:
-        assert_all_obey(net)
-    finally:
-        libsumo.close()
+    assert_all_obey(net, started_sumo(converted.simulated))
 
 
-def assert_all_obey(net):
+def assert_all_obey(net, libsumo):
     """Send a vehicle over every way with a light; who enters has no red, and some had to wait."""
     ways = [c for light in net.getTrafficLights() for c in light.getConnections()]
     index = {}

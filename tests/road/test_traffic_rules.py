@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-import libsumo
 import numpy as np
 import pytest
 from lxml import etree
@@ -44,14 +43,11 @@ def why(converted):
 
 
 @pytest.fixture
-def drive():
+def drive(started_sumo):
     """Drives vehicles from sides of the cross; gives when each comes into the junction, and its lowest speed."""
-    started = []
 
     def run(converted, sides, *, until=100.0):
-        command = ["sumo", "-n", str(converted.simulated), "--step-length", "0.1", "--time-to-teleport", "-1"]
-        libsumo.start([*command, "--no-step-log", "--no-warnings", "--xml-validation", "never"])
-        started.append(True)
+        libsumo = started_sumo(converted.simulated)
         libsumo.vehicletype.setSpeedDeviation("DEFAULT_VEHTYPE", 0.0)
         for side in sides:
             libsumo.route.add(side, WAYS[side])
@@ -65,9 +61,7 @@ def drive():
                     entered.setdefault(side, libsumo.simulation.getTime())
         return entered, slowest
 
-    yield run
-    if started:
-        libsumo.close()
+    return run
 
 
 MINOR = {
@@ -111,7 +105,6 @@ def test_vehicles_stop_at_a_stop_sign_and_not_where_they_only_give_way(made, dri
     stop, yields = signed(206), signed(205)
     assert (states(read(stop)), states(read(yields))) == ("ssMM", "mmMM")
     assert drive(stop, ["w"])[1]["w"] < 0.1
-    libsumo.close()
     assert drive(yields, ["w"])[1]["w"] > 1.0
 
 
