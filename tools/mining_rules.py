@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import shapely
@@ -352,37 +352,39 @@ def wrong_way(seen: Seen, row: int) -> Iterator[Event]:
 
 
 def swerving(seen: Seen, row: int) -> Iterator[Event]:
-    """Three turning points or more within 10 s, each a metre or more across the lane from the next."""
+    """Three ways or more of a metre across the lane, to one side and the other, with their middles within 10 s."""
     steps, aside = seen.steps(row), seen.aside[row]
-    points = turning_points([float(aside[k]) for k in steps], 1.0)
+    points = swing_middles([float(aside[k]) for k in steps], 1.0)
     many: list[tuple[float, float]] = []
     for n in range(len(points) - 2):
         first, third = float(seen.t[steps[points[n]]]), float(seen.t[steps[points[n + 2]]])
         if third - first <= 10.0 + 1e-9:
-            if many and first < many[-1][1]:
+            if many and first <= many[-1][1]:
                 many[-1] = many[-1][0], third
             else:
                 many.append((first, third))
     yield from ((seen.names[row], "swerving", start, end) for start, end in many)
 
 
-def turning_points(values: Sequence[float], least: float) -> list[int]:
-    """Give where values turn back by `least` or more; where they begin is none."""
-    out: list[int] = []
-    way, extreme = 0, 0
+def swing_middles(values: Sequence[float], least: float) -> list[int]:
+    """Give where values pass the middle of each way of `least` or more, up or down, that leads as far as it does."""
+    kept: list[int] = []  # places between which values go up and down in turn, by `least` or more
     low = high = 0
     for n, value in enumerate(values):
-        if way == 0:
+        if len(kept) < 2:
             low, high = (n if value < values[low] else low), (n if value > values[high] else high)
-            if values[high] - value >= least or value - values[low] >= least:
-                way, point = (-1, high) if values[high] - value >= least else (1, low)
-                out += [point] if point > 0 else []
-                extreme = n
-        elif way * (value - values[extreme]) > 0.0:
-            extreme = n
-        elif way * (values[extreme] - value) >= least:
-            out.append(extreme)
-            way, extreme = -way, n
+            far = max(low, high, key=lambda m: abs(value - values[m]))
+            kept = [far, n] if abs(value - values[far]) >= least else []
+            continue
+        up = values[kept[-1]] > values[kept[-2]]
+        if (value > values[kept[-1]]) if up else (value < values[kept[-1]]):
+            kept[-1] = n
+        elif abs(value - values[kept[-1]]) >= least:
+            kept.append(n)
+    out = []
+    for one, other in pairwise(kept):
+        middle, up = 0.5 * (values[one] + values[other]), values[other] > values[one]
+        out.append(next(k for k in range(one, other + 1) if (values[k] - middle) * (1 if up else -1) >= 0.0))
     return out
 
 
@@ -423,14 +425,24 @@ def _box(seen: Seen, row: int, k: int) -> shapely.Polygon:
 
 
 def speeds(seen: Seen, row: int, limits: bool = True) -> Iterator[Event]:
-    """Speeding, standing, strong braking and strong acceleration."""
+    """Speeding, standing, and what changes the speed by more than 3.5 m/s, or 2.5 m/s, within a second."""
     steps, name, t, a = seen.steps(row), seen.names[row], seen.t, seen.a[row]
     if limits:
         fast = [bool(seen.v[row, k] > seen.limit[row, k]) for k in steps]
         yield from runs(name, "speeding", fast, steps, t, 1.0)
     yield from runs(name, "standing", [abs(seen.v[row, k]) <= 0.1 for k in steps], steps, t, 1.0)
-    yield from runs(name, "strong_braking", [a[k] < -3.5 for k in steps], steps, t, 0.5, 0.3)
-    yield from runs(name, "strong_acceleration", [a[k] > 2.5 for k in steps], steps, t, 0.5, 0.3)
+    for label, sign, limit in (("strong_braking", -1.0, 3.5), ("strong_acceleration", 1.0, 2.5)):
+        within = [False] * len(steps)
+        for one, k in enumerate(steps):
+            for other in range(one + 1, len(steps)):
+                if t[steps[other]] - t[k] > 1.0 + 1e-9:
+                    break
+                if sign * (seen.v[row, steps[other]] - seen.v[row, k]) > limit:
+                    within[one : other + 1] = [True] * (other + 1 - one)
+        for start, end in spans(within):
+            inside = steps[start : end + 1]
+            beyond = [k for k in inside if sign * a[k] > limit] or inside
+            yield name, label, float(t[beyond[0]]), float(t[beyond[-1]])
 
 
 def spans(holds: Sequence[bool]) -> list[tuple[int, int]]:

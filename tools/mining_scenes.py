@@ -19,8 +19,6 @@ ALONG, SLOWEST = 2.5, 4.0
 MARGIN = 15.0
 """m of a ground that are kept free at its end."""
 KMH = 3.6
-PEAK = 1.875
-"""Of a smooth step of the speed: most acceleration over the mean."""
 
 
 def draw_speed(
@@ -223,15 +221,16 @@ def standing(ground: Ground, rng: np.random.Generator) -> Plant | None:
 
 
 def strong(label: str) -> Scene:
-    """It brakes or accelerates beyond the limit for a while; in one of four, only just not."""
+    """Its speed falls or rises within a second by more than the limit; in one of four, only just not."""
 
     def scene(ground: Ground, rng: np.random.Generator) -> Plant | None:
         sign = -1.0 if label == "strong_braking" else 1.0
         gentle = rng.random() < 0.25
-        peak = float(rng.uniform(*((3.0, 3.4) if sign < 0.0 else (2.0, 2.4)) if gentle else (4.3, 7.0)))
-        peak = peak if sign < 0.0 or gentle else float(rng.uniform(3.0, 4.2))
+        least = (3.0, 3.4, 3.7, 5.0) if sign < 0.0 else (2.0, 2.4, 2.6, 3.2)
+        within = float(rng.uniform(*(least[:2] if gentle else least[2:])))
         lasts = float(rng.uniform(1.4, 2.6))
-        change = peak * lasts / PEAK
+        second = np.array([-0.5, 0.5]) + 0.5 * lasts  # the steepest one
+        change = within / float(np.diff(quintic(second, 0.0, lasts, 1.0))[0])
         v = draw_speed(ground, rng, 7.0, least=change + 1.0 if sign < 0.0 else 2.0)
         if v is None:
             return None

@@ -254,33 +254,63 @@ def slopes(t, values, first, half):
 
 
 @compiled
-def turning_points(values, first, least):
-    """Mark the samples (K,) at which values (K,) turn back by `least` or more: 1 at tops, -1 at bottoms.
+def swings(values, first, least):
+    """Mark the samples (K,) at which values (K,) pass the middle of each way of `least` or more to the other side.
 
+    Such a way leads from where values turn back by `least` or more, or begin, to the next such place, or their last
+    extreme; its middle is passed fast, wherever on level ground they turn. 1 for up, -1 for down.
     first (P + 1,): where pieces begin, in which alone they are sought.
     """
     out = np.zeros(len(values), np.int8)
     for p in range(len(first) - 1):
-        low, high = first[p], first[p + 1]
-        if low == high:
-            continue
-        top = bottom = low
+        begin = top = bottom = first[p]  # of the way; the extremes since
         way = 0
-        for k in range(low + 1, high):
+        for k in range(first[p], first[p + 1]):
             if values[k] > values[top]:
                 top = k
             if values[k] < values[bottom]:
                 bottom = k
             if way >= 0 and values[top] - values[k] >= least:
-                if way > 0 or top > low:
-                    out[top] = 1
-                way, bottom = -1, k
+                if way > 0:
+                    _mark_middle(out, values, begin, top)
+                way, begin, bottom = -1, top, k
                 top = k
             elif way <= 0 and values[k] - values[bottom] >= least:
-                if way < 0 or bottom > low:
-                    out[bottom] = -1
-                way, top = 1, k
+                if way < 0:
+                    _mark_middle(out, values, begin, bottom)
+                way, begin, top = 1, bottom, k
                 bottom = k
+        if way != 0:
+            _mark_middle(out, values, begin, top if way > 0 else bottom)
+    return out
+
+
+@compiled
+def _mark_middle(out, values, begin, end):
+    """Mark the sample at which values, on their way from one extreme to the other, pass the middle."""
+    middle, way = 0.5 * (values[begin] + values[end]), 1 if values[end] > values[begin] else -1
+    k = begin
+    while way * (values[k] - middle) < 0.0:
+        k += 1
+    out[k] = way
+
+
+@compiled
+def within_rises(t, values, first, least, within):
+    """Mark the samples (K,) that lie in a time of up to `within` in which values (K,) over t (K,) rise by over `least`.
+
+    first (P + 1,): where pieces begin, in which alone they are sought.
+    """
+    out = np.zeros(len(values), np.bool_)
+    for p in range(len(first) - 1):
+        low = first[p]
+        for k in range(first[p], first[p + 1]):
+            while t[k] - t[low] > within + 1e-9:
+                low += 1
+            for n in range(low, k):
+                if values[k] - values[n] > least:
+                    out[n : k + 1] = True
+                    break
     return out
 
 

@@ -74,12 +74,11 @@ class StandingSettings(Strict):
 
 
 class AccelerationSettings(Strict):
-    """braking, acceleration [m/s²]: beyond them for `shortest` [s] or longer; join [s]: what is less apart is one."""
+    """braking, acceleration [m/s²]: the speed changes by more than they do in `within` [s], within that time."""
 
     braking: float = Field(default=maneuvers.STRONG_BRAKING, lt=0.0)
     acceleration: float = Field(default=maneuvers.STRONG_ACCELERATION, gt=0.0)
-    shortest: float = Field(default=0.3, ge=0.0)
-    join: float = Field(default=0.5, ge=0.0)
+    within: float = Field(default=1.0, gt=0.0)
 
 
 class TurnSettings(Strict):
@@ -94,10 +93,10 @@ class TurnSettings(Strict):
 
 
 class SwervingSettings(Strict):
-    """`turns` turning points that lie `swing` [m] or more apart across the lane, within `within` [s]."""
+    """`swings` of `swing` [m] or more across the lane, to and fro, whose middles lie within `within` [s]."""
 
     swing: float = Field(default=1.0, gt=0.0)
-    turns: int = Field(default=3, ge=2)
+    swings: int = Field(default=3, ge=2)
     within: float = Field(default=10.0, gt=0.0)
 
 

@@ -50,24 +50,6 @@ def slope(t: Floats, values: Floats, piece: NDArray[np.integer], precision: floa
     return np.asarray(kernel.slopes(t - t[0], values, first, half))
 
 
-def shortening(t: Floats, values: Floats, piece: NDArray[np.integer], precision: float) -> Floats:
-    """Give by how much (K,) [s] a peak of slopes, as `slope` reads them, may last shorter than it did beyond a limit.
-
-    A line that reaches h to each side, at the edge of a peak, takes in as much of the peak as of what is beside it, so
-    that a slope well inside the limits before and after hides half of h at each edge. 0 of exact values.
-    """
-    if not len(t):
-        return np.zeros(0)
-    first = bounds(piece)
-    lost = [
-        (half - 1) * float(np.median(np.diff(t[low:high]))) if half > 1 else 0.0
-        for half, low, high in zip(
-            half_widths(t, values, first, precision).tolist(), first[:-1], first[1:], strict=True
-        )
-    ]
-    return np.repeat(lost, np.diff(first))
-
-
 def half_widths(
     t: Floats, values: Floats, first: NDArray[np.integer], precision: float
 ) -> NDArray[np.integer]:
@@ -110,6 +92,17 @@ def below(
     out = np.zeros(len(t), dtype=bool)
     for begin, last in zip(*stretches(low, piece), strict=True):
         out[begin : last + 1] = sure[begin : last + 1].any()
+    return out
+
+
+def averaged(t: Floats, values: Floats, piece: NDArray[np.integer], fine: float) -> Floats:
+    """Give averages (K,) of finite values (K,) to a deviation of `fine`: exact ones stay as they are.
+
+    piece (K,): what belongs together, in order.
+    """
+    out, first = values.copy(), bounds(piece)
+    for begin, end in zip(first[:-1].tolist(), first[1:].tolist(), strict=True):
+        out[begin:end], _ = _averaged(t[begin:end], values[begin:end], fine)
     return out
 
 

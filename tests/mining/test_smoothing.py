@@ -11,7 +11,7 @@ from mining.planted import Drive, braking, path_of, smooth, steady, tracks_of, w
 from resim.core.tracks import Tracks
 from resim.mining.features import features
 from resim.mining.find import find_maneuvers
-from resim.mining.smoothing import below, shortening, slope
+from resim.mining.smoothing import below
 from resim.road.opendrive import load
 
 T = np.arange(0.0, 20.0, 0.04)
@@ -94,11 +94,14 @@ def test_a_noisy_lane_change_leaves_the_follower_one_leader_after_another(tmp_pa
     assert told[0].count("tailgating_minor") == 1
 
 
-def test_noise_hides_no_short_strong_braking(tmp_path) -> None:
-    """0.36 s beyond the limit by 1 m/s², read from speeds with 0.05 m/s of noise: nine of ten, as of exact ones all."""
+@pytest.mark.parametrize(("falls", "found"), [(3.7, 30), (3.3, 0)])
+def test_noise_neither_hides_nor_makes_strong_braking(tmp_path, falls: float, found: int) -> None:
+    """0.2 m/s more or less within half a second than it takes, of speeds with noise of 0.05 m/s: as of exact ones."""
     network = load(write_motorway(tmp_path / "motorway.xodr"))
     path = path_of(network, "7", -1, 20.0, 1500.0)
-    drives = [Drive(str(n), lambda t, n=n: 40.0 * n + braking(20.0, -4.5, 4.0, 0.44)(t)) for n in range(30)]
+    drives = [
+        Drive(str(n), lambda t, n=n: 40.0 * n + braking(20.0, -2.0 * falls, 4.0, 0.5)(t)) for n in range(30)
+    ]
     exact = tracks_of(path, drives)
     v = exact.v + np.random.default_rng(1).normal(0.0, 0.05, exact.v.shape)
     noisy = Tracks(t=exact.t, ids=exact.ids, kind=exact.kind, x=exact.x, y=exact.y, heading=exact.heading, v=v,
@@ -107,16 +110,4 @@ def test_noise_hides_no_short_strong_braking(tmp_path) -> None:
         sum(m.label == "strong_braking" for m in find_maneuvers(features(one, network)))
         for one in (exact, noisy)
     ]
-    assert counts[0] == 30
-    assert counts[1] >= 27
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.05, 0.2])
-def test_a_peak_is_read_as_much_shorter_at_most(noise: float) -> None:
-    """A step of slope from 0 to -5 and back, 0.6 s: with its shortening it lasts as long as it did, to 0.1 s."""
-    rng, lasts = np.random.default_rng(4), []
-    for _ in range(20):
-        v = -5.0 * np.clip(T - 8.0, 0.0, 0.6) + rng.normal(0.0, noise, len(T))
-        beyond = np.flatnonzero((slope(T, v, ONE, 0.2) < -3.5) & (abs(T - 8.3) < 1.0))
-        lasts.append(float(np.ptp(T[beyond])) + shortening(T, v, ONE, 0.2)[0] if len(beyond) else 0.0)
-    assert np.median(lasts) == pytest.approx(0.6, abs=0.12)
+    assert counts == [found, found]

@@ -6,32 +6,36 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from resim.core.geometry import Floats
-from resim.mining.features import ALONG_PRECISION, Features
+from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
-from resim.mining.runs import joined, stretches
+from resim.mining.runs import bounds, stretches
 from resim.mining.settings import MiningSettings
-from resim.mining.smoothing import shortening
+from resim.mining.smoothing import averaged
 
 BRAKING, ACCELERATION = "strong_braking", "strong_acceleration"
+PRECISION = 0.03
+"""m/s: standard deviation to which speeds are averaged (our choice): a hundredth of what they change by."""
 
 
 def find(
     features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
 ) -> Iterator[LabelledManeuver]:
-    """Find who brakes or accelerates strongly."""
+    """Find who brakes or accelerates strongly: whose speed changes by more than a limit within so many seconds.
+
+    It lasts from the first sample to the last one of these seconds at which the acceleration is beyond the limit.
+    """
+    # compiled: numba is imported where it is used only
+    from resim.mining import kernel
+
     rules, samples = settings.acceleration, features.samples
-    wanted = samples.kinds(frozenset(settings.kinds))
-    shortest: float | Floats = rules.shortest
-    if samples.tracks.a is None:
-        shortest = rules.shortest - shortening(samples.t, samples.v, samples.piece_of, ALONG_PRECISION)
-    for label, excess in (
-        (BRAKING, rules.braking - features.a),
-        (ACCELERATION, features.a - rules.acceleration),
-    ):
-        first, last = stretches((excess > 0.0) & wanted, samples.piece_of)
-        for start, end in joined(first, last, samples.t, samples.piece_of, rules.join, shortest):
-            peak = start + int(np.nanargmax(excess[start : end + 1]))
+    wanted, first = samples.kinds(frozenset(settings.kinds)), bounds(samples.piece_of)
+    v = averaged(samples.t, samples.v, samples.piece_of, PRECISION)
+    for label, sign, limit in ((BRAKING, -1.0, -rules.braking), (ACCELERATION, 1.0, rules.acceleration)):
+        within = kernel.within_rises(samples.t, sign * v, first, limit * rules.within, rules.within)
+        for begin, until in zip(*stretches(within & wanted, samples.piece_of), strict=True):
+            beyond = begin + np.flatnonzero(sign * features.a[begin : until + 1] > limit)
+            start, end = (int(beyond[0]), int(beyond[-1])) if len(beyond) else (int(begin), int(until))
+            peak = start + int(np.nanargmax(sign * features.a[start : end + 1]))
             figures = {
                 "a_mps2": float(features.a[peak]), "v_start_mps": float(samples.v[start]),
                 "v_end_mps": float(samples.v[end]), "duration_s": float(samples.t[end] - samples.t[start]),

@@ -17,7 +17,7 @@ SWERVING = "swerving"
 def find(
     features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
 ) -> Iterator[LabelledManeuver]:
-    """Find who turns back several times across the lane within some seconds."""
+    """Find who swings several times from side to side within some seconds, from middle to middle of the swings."""
     # compiled: numba is imported where it is used only
     from resim.mining import kernel
 
@@ -27,9 +27,8 @@ def find(
         return
     group = samples.piece_of[on] * (len(samples) + 1) + features.stretch[on]
     first = bounds(group)
-    marks = kernel.turning_points(features.aside[on], first, rules.swing)
-    at = np.flatnonzero(marks)
-    many = rules.turns - 1
+    at = np.flatnonzero(kernel.swings(features.aside[on], first, rules.swing))
+    many = rules.swings - 1
     if len(at) <= many:
         return
     quick = group[at[many:]] == group[at[:-many]]
@@ -42,10 +41,10 @@ def find(
         while end + 1 < len(quick) and quick[end + 1]:
             end += 1
         last = end
-        points = on[at[k : end + many + 1]]
-        swing = float(np.ptp(features.aside[points]))
-        figures = {"swing_m": swing, "turns": float(len(points))}
-        start, stop = int(points[0]), int(points[-1])
+        middles = at[k : end + many + 1]
+        start, stop = int(on[middles[0]]), int(on[middles[-1]])
+        swing = float(np.ptp(features.aside[on[middles[0] : middles[-1] + 1]]))
+        figures = {"swing_m": swing, "swings": float(len(middles))}
         yield LabelledManeuver(SWERVING, int(samples.owner[start]), start, stop, start, figures=figures)
 
 
