@@ -103,6 +103,7 @@ def setup_at(start: EgoState) -> Setup:
     return Setup(load(MAP), start, (900.0, -5.25), 4.7, 1.9, 0.2, 0, None, NO_ROUTE)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @there
 def test_it_keeps_its_lane_and_speed_follows_and_brakes_where_there_is_no_way(
     planner: Any, capfd: pytest.CaptureFixture[str]

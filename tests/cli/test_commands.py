@@ -229,6 +229,7 @@ def test_a_map_whose_links_lead_nowhere_is_refused_unless_accepted(
     assert "note: road.xodr: MISSING_ROAD" in out
 
 
+@pytest.mark.slow
 def test_a_real_map_in_pieces_is_refused(call: Call, recording: Callable[..., Path], tmp_path: Path) -> None:
     road = DATA / "xodr" / "edge_cases" / "od_newmarket.xodr"
     if not road.is_file():

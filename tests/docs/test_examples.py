@@ -169,6 +169,7 @@ def test_the_example_function_plugs_in(done: Done, tmp_path: Path) -> None:
     assert report["decision"]["rGT"] == ["brake"]
 
 
+@pytest.mark.slow
 def test_the_example_drives_many_runs_at_once(tmp_path: Path) -> None:
     for name in ("batch_pilot.py", "batch_pilot.toml"):
         (tmp_path / name).write_text(example(GUIDES / "function.md", name))
@@ -366,6 +367,7 @@ def test_a_suite_is_not_good_for_fields_that_it_does_not_know(tmp_path: Path) ->
         read_suite(tmp_path / "mine.toml")
 
 
+@pytest.mark.slow
 def test_a_function_from_outside_is_checked_as_the_guide_has_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -474,6 +476,7 @@ def test_settings_of_the_space_and_of_traffic_with_an_ego_are_read(tmp_path: Pat
     assert read_naturalistic(traffic).ego.sight == 120.0
 
 
+@pytest.mark.slow
 def test_reactive_traffic_is_as_its_file_says(tmp_path: Path) -> None:
     file = tmp_path / "careful.toml"
     file.write_text(example(ROOT / "docs" / "formats" / "traffic.md", "careful.toml"))

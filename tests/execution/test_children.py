@@ -125,7 +125,10 @@ def test_a_measure_that_ends_its_process_leaves_the_older_result(call: Call, tmp
     assert not list(tmp_path.glob(".out*"))
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGKILL))],
+)
 def test_a_signal_ends_the_command_and_all_that_it_started(
     build: Callable[..., Path], tmp_path: Path, number: int
 ) -> None:

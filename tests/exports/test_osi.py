@@ -64,6 +64,7 @@ def test_sensor_data_without_the_ego_in_some_lists_come_in_where_they_were(tmp_p
     assert found.valid[1 - found.index("1")].tolist() == there[1].tolist()
 
 
+@pytest.mark.slow
 @settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(recording=recordings(), form=st.sampled_from(["mcap", "osi"]))
 def test_what_goes_out_comes_in_again(

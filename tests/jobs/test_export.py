@@ -364,6 +364,7 @@ def test_times_that_a_clock_does_not_count_to_are_refused(
             export_drive(folder, tmp_path / "out", form)
 
 
+@pytest.mark.slow
 def test_runs_that_broke_off_are_told(tmp_path: Path) -> None:
     """Who sees rGT alone takes it for a whole drive."""
     (tmp_path / "fails.py").write_text(

@@ -55,6 +55,7 @@ def test_a_label_and_its_figures_are_in_the_table(tmp_path: Path) -> None:
     assert (row["much_m"], row["partner"]) == (2.5, "1")
 
 
+@pytest.mark.slow
 def test_code_that_never_returns_ends_with_the_command(tmp_path: Path) -> None:
     flag = tmp_path / "begun"
     body = f"open({str(flag)!r}, 'w').close(); hashlib.pbkdf2_hmac('sha256', b'a', b'b', 2 * 10**9)"

@@ -12,8 +12,8 @@ import pytest
 from resim.mining.maneuver import label_names
 
 ROOT = Path(__file__).parents[2]
-MAPS = ("motorway", "urban", "ramps_0", "lights_0")
-MORE = ("proving_ground", "u_turn_0", "stops_0")
+MAPS = ("motorway", "ramps_0", "lights_0")
+MORE = ("urban", "proving_ground", "u_turn_0", "stops_0")
 A_SAMPLE = 0.041
 """s that starts and ends of labels may be off."""
 

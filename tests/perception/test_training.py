@@ -44,7 +44,9 @@ def estimate(model: PerceptionModel, name: str) -> TrainedParameter:
     return model.training.estimates[name]
 
 
-@pytest.mark.parametrize("model", [pytest.param("latency", marks=pytest.mark.slow), "noise", "drift"])
+@pytest.mark.parametrize(
+    "model", ["noise", *(pytest.param(one, marks=pytest.mark.slow) for one in ("latency", "drift"))]
+)
 @pytest.mark.parametrize("what", ["position", "speed", "heading"])
 def test_latencies_come_back_within_10_ms(model: str, what: str) -> None:
     true = parameter(KNOWN[model], f"latency.{what}")

@@ -68,6 +68,7 @@ def test_a_run_is_made_again_with_all_that_was_said(tmp_path: Path) -> None:
     assert command(tmp_path / "one") == []
 
 
+@pytest.mark.slow
 def test_an_assessment_mining_and_a_space_are_made_again(tmp_path: Path, made: Path) -> None:
     shutil.copytree(made / "run", tmp_path / "run")
     for name in ("assessed", "mined", "space"):

@@ -232,7 +232,7 @@ def test_the_end_of_a_route_is_where_who_turned_round_was_going(shared_map):
 
 @pytest.mark.parametrize(
     ("before", "angle"),
-    [(15.0, -60.0), *(pytest.param(*at, marks=pytest.mark.slow) for at in ((6.0, 90.0), (25.0, 110.0)))],
+    [pytest.param(*at, marks=pytest.mark.slow) for at in ((15.0, -60.0), (6.0, 90.0), (25.0, 110.0))],
 )
 def test_who_leaves_its_last_road_over_a_field_has_left_it(shared_map, before, angle):
     found = 0

@@ -72,7 +72,12 @@ def test_lights_before_a_junction_rule_the_ways_from_their_lanes(real_net, name,
 
 
 @pytest.mark.parametrize(
-    "name", ["xodr/carla/Town04.xodr", "mcity/mcity.xodr", "ngsim/USA_Lanker-1_17_T-1.xodr"]
+    "name",
+    [
+        pytest.param("xodr/carla/Town04.xodr", marks=pytest.mark.slow),
+        "mcity/mcity.xodr",
+        "ngsim/USA_Lanker-1_17_T-1.xodr",
+    ],
 )
 def test_no_two_ways_that_cross_are_green_without_one_that_gives_way(real_net, name):
     net = read(real_net(name)[1])

@@ -228,6 +228,7 @@ def test_two_recordings_of_a_drive_that_differ_fail_it_whatever_their_names(
     assert why in done.stderr, done.stderr
 
 
+@pytest.mark.slow
 def test_a_failure_is_told_of_a_drive_that_goes_on_where_its_recording_failed(
     recorded: Path, tmp_path: Path
 ) -> None:
@@ -240,6 +241,7 @@ def test_a_failure_is_told_of_a_drive_that_goes_on_where_its_recording_failed(
     )
 
 
+@pytest.mark.slow
 def test_a_recording_of_a_shorter_drive_beside_costs_nothing(recorded: Path, tmp_path: Path) -> None:
     found = read_conversation(recorded / "rGT.conversation")
     build = beside(tmp_path / "both", found, replace(found, exchanges=found.exchanges[:100]), first=True)

@@ -149,6 +149,7 @@ def test_a_unit_drives_as_the_same_function_in_python_does(unit2: Path, tmp_path
     assert check_function(build(unit2.parent)).good
 
 
+@pytest.mark.slow
 def test_the_guides_example_holds(unit2: Path) -> None:
     said = pages.named(ROOT / "docs" / "guides" / "outside.md", "toml")["unit.toml"]
     path = unit2.with_name("unit.toml")

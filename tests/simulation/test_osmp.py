@@ -142,6 +142,7 @@ def test_a_unit_that_speaks_osi_drives_as_the_same_function_in_python_does(
     np.testing.assert_allclose(found[numbers], expected[numbers], rtol=0.0, atol=within)
 
 
+@pytest.mark.slow
 def test_a_unit_is_checked_as_any_other_by_the_guides_example(tmp_path: Path) -> None:
     path = unit(tmp_path)
     path.with_name("osi.fmu").rename(path.with_name("participant.fmu"))

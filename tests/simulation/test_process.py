@@ -441,6 +441,7 @@ def test_a_script_is_not_pinned_as_its_interpreter_is_not(build: Callable[..., P
     assert found.program.unpinned.startswith("what ./run.sh loads beside the files of the build")
 
 
+@pytest.mark.slow
 def test_a_package_of_resims_environment_is_not_that_of_the_environment_asked(
     build: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -502,8 +503,13 @@ def test_a_program_that_was_built_anew_is_not_run_under_the_old_hash(
     ("answer", "why"),
     [
         ("{'acceleration': 0.0, 'curvature': 0.0}, twice=True", "wrote more than one answer to a message"),
-        ("{'acceleration': True, 'curvature': 0.0}", "expected acceleration, curvature and plan"),
-        ("{'acceleration': 0.0, 'curvature': 0.0, 'plan': [['0', '1', '2', '3']]}", "expected acceleration"),
+        *(
+            pytest.param(answer, "expected acceleration, curvature and plan", marks=pytest.mark.slow)
+            for answer in (
+                "{'acceleration': True, 'curvature': 0.0}",
+                "{'acceleration': 0.0, 'curvature': 0.0, 'plan': [['0', '1', '2', '3']]}",
+            )
+        ),
     ],
 )
 def test_an_answer_too_many_or_of_another_kind_is_refused(
@@ -560,7 +566,7 @@ def test_a_verification_says_once_that_a_build_is_not_pinned(
     ("factory", "why"),
     [
         ("follow:Folow", "AttributeError: module 'follow' has no attribute 'Folow'"),
-        ("folow:Follow", "ModuleNotFoundError: No module named 'folow'"),
+        pytest.param("folow:Follow", "ModuleNotFoundError: No module named 'folow'", marks=pytest.mark.slow),
     ],
 )
 def test_a_class_that_is_not_there_is_told_as_the_reason(
@@ -574,6 +580,7 @@ def test_a_class_that_is_not_there_is_told_as_the_reason(
     assert why in done.stderr
 
 
+@pytest.mark.slow
 def test_a_run_that_rewrites_the_copy_of_its_program_stops_the_next_one(
     build: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -180,7 +180,8 @@ def test_whatever_the_ego_does_drivers_move_as_vehicles_do(
 
 @pytest.mark.skipif(not NGSIM.is_dir(), reason="no recordings")
 @pytest.mark.parametrize(("name", "ego"), [
-    pytest.param("USA_US101-22_1_T-1", "675", marks=pytest.mark.slow), ("USA_Lanker-1_17_T-1", "11430"),
+    pytest.param("USA_US101-22_1_T-1", "675", marks=pytest.mark.slow),
+    pytest.param("USA_Lanker-1_17_T-1", "11430", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_both_engines_give_the_same_and_replay_hands_nobody_over(name: str, ego: str) -> None:
     recording = read_commonroad(NGSIM / f"{name}.xml", map=NGSIM / f"{name}.xodr", ego=ego)

@@ -129,6 +129,7 @@ def test_a_job_is_started_watched_and_found_again(
     assert "player:" in page.inner_text("#log")
 
 
+@pytest.mark.slow
 def test_a_drive_that_is_registered_under_a_running_server_shows_up(
     opened: Callable[..., Any], served: Callable[..., Any], tmp_path: Path
 ) -> None:
@@ -152,6 +153,7 @@ def assert_verdicts_are_seen(page: Any) -> None:
         assert where["x"] + where["width"] <= 400, box.inner_text()
 
 
+@pytest.mark.slow
 def test_a_quiet_task_counts_on_and_its_buttons_keep_apart(
     opened: Callable[..., Any], served: Callable[..., Any], catalog: str, tmp_path: Path
 ) -> None:

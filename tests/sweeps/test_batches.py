@@ -124,6 +124,7 @@ def test_whatever_else_is_in_the_batch(name: str, drawn: list[tuple[tuple[str, .
     assert set(differing(run_together(prepared, build, runs, DIRECT), alone(prepared, build, runs))) == {""}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason="no shared data")
 def test_objects_of_a_real_drive_come_and_go_in_all_runs() -> None:
     file = DATA / "ngsim" / "USA_US101-12_1_T-1"
@@ -329,6 +330,7 @@ def test_what_a_dry_run_tries_is_what_the_sweep_does(
     assert all(one in batches for one in tried)
 
 
+@pytest.mark.slow
 def test_a_dry_run_of_a_function_that_fails_says_so(
     call: Call, tmp_path: Path, write_build: Callable[..., Path]
 ) -> None:

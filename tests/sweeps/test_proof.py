@@ -236,6 +236,7 @@ def test_what_is_wrong_in_the_middle_of_a_batch_is_found(sweep: Callable[..., tu
     assert sweep("Middle")[0] == 2
 
 
+@pytest.mark.slow
 def test_a_second_refusal_keeps_the_first(sweep: Callable[..., tuple[int, str, Path]]) -> None:
     _, _, out = sweep("Lies")
     (out / "journal" / "1-of-1.jsonl.refused").write_text("keep me")
@@ -269,6 +270,7 @@ def test_a_function_that_ends_its_process_when_it_is_made_is_named(
     assert (code, "leaves-1 on being made ended its process" in error) == (3, True), error
 
 
+@pytest.mark.slow
 def test_a_sweep_of_which_every_run_took_too_long_has_a_report(
     sweep: Callable[..., tuple[int, str, Path]], call: Call, tmp_path: Path
 ) -> None:

@@ -94,6 +94,7 @@ def test_the_corner_case_on_the_truth_is_not_verified_because_of_the_sensor(
     assert {"verification.html", "junit.xml"} <= {path.name for path in out.iterdir()}
 
 
+@pytest.mark.slow
 def test_with_the_trained_model_the_corner_case_is_verified(
     call: VerifyOptions, suite: WriteSuite, tmp_path: Path
 ) -> None:

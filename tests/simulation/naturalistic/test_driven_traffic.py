@@ -164,6 +164,7 @@ def test_faults_are_told_before_anything_drives(tmp_path: Path, ego: str, told: 
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_who_comes_near_a_slow_ego_is_there_however_far_it_was_from_the_vehicle_in_its_place(
     driven: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -179,6 +180,7 @@ def test_who_comes_near_a_slow_ego_is_there_however_far_it_was_from_the_vehicle_
     assert len(narrow) < len(wide)
 
 
+@pytest.mark.slow
 def test_a_function_that_fails_at_once_is_recorded_or_refused(tmp_path: Path) -> None:
     (tmp_path / "fails.py").write_text(
         "from resim.simulation.function.interface import Command\n"
