@@ -352,22 +352,22 @@ def wrong_way(seen: Seen, row: int) -> Iterator[Event]:
 
 
 def swerving(seen: Seen, row: int) -> Iterator[Event]:
-    """Three ways or more of a metre across the lane, to one side and the other, with their middles within 10 s."""
+    """Three ways or more of a metre across the lane, to and fro, within 10 s but for 0.3 of the first and the last."""
     steps, aside = seen.steps(row), seen.aside[row]
-    points = swing_middles([float(aside[k]) for k in steps], 1.0)
+    ways = swings([float(aside[k]) for k in steps], 1.0)
     many: list[tuple[float, float]] = []
-    for n in range(len(points) - 2):
-        first, third = float(seen.t[steps[points[n]]]), float(seen.t[steps[points[n + 2]]])
-        if third - first <= 10.0 + 1e-9:
-            if many and first <= many[-1][1]:
-                many[-1] = many[-1][0], third
+    for n in range(len(ways) - 2):
+        start, end = float(seen.t[steps[ways[n][0]]]), float(seen.t[steps[ways[n + 2][1]]])
+        if end - start <= 10.0 + 1e-9:
+            if many and start < many[-1][1]:
+                many[-1] = many[-1][0], end
             else:
-                many.append((first, third))
+                many.append((start, end))
     yield from ((seen.names[row], "swerving", start, end) for start, end in many)
 
 
-def swing_middles(values: Sequence[float], least: float) -> list[int]:
-    """Give where values pass the middle of each way of `least` or more, up or down, that leads as far as it does."""
+def swings(values: Sequence[float], least: float) -> list[tuple[int, int]]:
+    """Give where each way of `least` or more, up or down as far as it goes, is done to 0.3, and to 0.7."""
     kept: list[int] = []  # places between which values go up and down in turn, by `least` or more
     low = high = 0
     for n, value in enumerate(values):
@@ -383,8 +383,9 @@ def swing_middles(values: Sequence[float], least: float) -> list[int]:
             kept.append(n)
     out = []
     for one, other in pairwise(kept):
-        middle, up = 0.5 * (values[one] + values[other]), values[other] > values[one]
-        out.append(next(k for k in range(one, other + 1) if (values[k] - middle) * (1 if up else -1) >= 0.0))
+        done = [(values[k] - values[one]) / (values[other] - values[one]) for k in range(one, other + 1)]
+        part = [next(k for k, share in enumerate(done) if share >= least_done) for least_done in (0.3, 0.7)]
+        out.append((one + part[0], one + part[1]))
     return out
 
 

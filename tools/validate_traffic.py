@@ -28,6 +28,8 @@ MAP = ROOT / "networks" / "motorway.xodr"
 PLAIN = ("3",)
 """Roads without ramps, and without lanes that end."""
 VISIBLE, SECTION = 13.6, 420.0
+HIGHD_HOURS, HIGHD_VEHICLES, HIGHD_LANES = 16.5, 110_500, (4, 6)
+"""Of all recordings; lanes of both ways together, two or three each."""
 STEP = 25
 """Samples between those of which gaps are taken: one a second."""
 
@@ -59,13 +61,14 @@ def measured(network: RoadNetwork, folder: Path) -> dict[str, object]:
     v = own.v[row, k]
     car = own.kind[row] == "car"
     found = [f"{one.code} of {one.object}" for one in check(folder).findings]
+    lanes = sum(len(np.unique(at.lane[at.road == name])) * network.roads[name].length for name in PLAIN)
     return {
         "km": km.sum(), "plain_km": km[plain].sum(), "changes": len(changes), "plain_changes": int(here.sum()),
         "cars": float(v[plain & car].mean()), "trucks": float(v[plain & ~car].mean()),
         "plain_v": pd.Series(v[plain]).groupby(row[plain]).mean().tolist(), "headway": headways(own, at, row, k, plain),
         "lasts": (changes["end"] - changes["start"]).tolist(), "findings": found,
         "overlaps": len(first_overlaps(own)), "vehicles": len(own), "truck_share": float((own.kind == "truck").mean()),
-        "late": crossed(network, own, changes),
+        "late": crossed(network, own, changes), "lane_km_s": float(np.ptp(own.t)) * lanes / 1000.0,
     }  # fmt: skip
 
 
@@ -114,6 +117,11 @@ def report(table: pd.DataFrame, left: int, hours: float) -> None:
     print(f"| lane changes a km, all | {table['changes'].sum() / table['km'].sum():.3f} | |")
     print(
         f"| time gaps under 4 s: median, 10 % [s] | {np.median(gaps):.2f}, {np.quantile(gaps, 0.1):.2f} | |"
+    )
+    gross = table["lane_km_s"].sum() / table["plain_km"].sum()
+    published = " to ".join(f"{3600.0 * HIGHD_HOURS * n / HIGHD_VEHICLES:.1f}" for n in HIGHD_LANES)
+    print(
+        f"| time from vehicle to vehicle in a lane, mean [s] | {gross:.1f} | {published} (16.5 h, 110,500 vehicles) |"
     )
     print(f"| duration of lane changes: mean, sd [s] | {lasts.mean():.2f}, {lasts.std():.2f} | |")
     print(

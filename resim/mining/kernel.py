@@ -255,13 +255,14 @@ def slopes(t, values, first, half):
 
 @compiled
 def swings(values, first, least):
-    """Mark the samples (K,) at which values (K,) pass the middle of each way of `least` or more to the other side.
+    """Give the samples (W, 2) at which values (K,) have done 0.3 and 0.7 of each way of `least` or more, up or down.
 
     Such a way leads from where values turn back by `least` or more, or begin, to the next such place, or their last
-    extreme; its middle is passed fast, wherever on level ground they turn. 1 for up, -1 for down.
+    extreme. These parts of it are passed fast, wherever on level ground values turn, or rest half-way.
     first (P + 1,): where pieces begin, in which alone they are sought.
     """
-    out = np.zeros(len(values), np.int8)
+    out = np.empty((len(values), 2), np.intp)
+    count = 0
     for p in range(len(first) - 1):
         begin = top = bottom = first[p]  # of the way; the extremes since
         way = 0
@@ -272,27 +273,31 @@ def swings(values, first, least):
                 bottom = k
             if way >= 0 and values[top] - values[k] >= least:
                 if way > 0:
-                    _mark_middle(out, values, begin, top)
+                    count = _add_swing(out, count, values, begin, top)
                 way, begin, bottom = -1, top, k
                 top = k
             elif way <= 0 and values[k] - values[bottom] >= least:
                 if way < 0:
-                    _mark_middle(out, values, begin, bottom)
+                    count = _add_swing(out, count, values, begin, bottom)
                 way, begin, top = 1, bottom, k
                 bottom = k
         if way != 0:
-            _mark_middle(out, values, begin, top if way > 0 else bottom)
-    return out
+            count = _add_swing(out, count, values, begin, top if way > 0 else bottom)
+    return out[:count]
 
 
 @compiled
-def _mark_middle(out, values, begin, end):
-    """Mark the sample at which values, on their way from one extreme to the other, pass the middle."""
-    middle, way = 0.5 * (values[begin] + values[end]), 1 if values[end] > values[begin] else -1
+def _add_swing(out, count, values, begin, end):
+    """Add the samples by which values, on their way from one extreme to the other, have done 0.3 and 0.7 of it."""
+    size = values[end] - values[begin]
     k = begin
-    while way * (values[k] - middle) < 0.0:
+    while (values[k] - values[begin]) / size < 0.3:
         k += 1
-    out[k] = way
+    out[count, 0] = k
+    while (values[k] - values[begin]) / size < 0.7:
+        k += 1
+    out[count, 1] = k
+    return count + 1
 
 
 @compiled

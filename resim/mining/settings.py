@@ -93,7 +93,7 @@ class TurnSettings(Strict):
 
 
 class SwervingSettings(Strict):
-    """`swings` of `swing` [m] or more across the lane, to and fro, whose middles lie within `within` [s]."""
+    """`swings` of `swing` [m] or more across the lane, to and fro, within `within` [s] but for 0.3 at either end."""
 
     swing: float = Field(default=1.0, gt=0.0)
     swings: int = Field(default=3, ge=2)

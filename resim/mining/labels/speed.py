@@ -17,6 +17,8 @@ from resim.mining.settings import MiningSettings
 from resim.mining.smoothing import below
 
 SPEEDING, STANDING = "speeding", "standing"
+ROUNDED = 1e-6
+"""m/s by which who keeps to the limit may be above it: files have as many digits."""
 FINE_STANDING = 0.03
 """m/s: deviation to which speeds are averaged that are held against that of standing (our choice)."""
 
@@ -31,7 +33,7 @@ def find_speeding(
         limit = np.where(np.isnan(limit), rules.limit, limit)
     over = samples.v - limit
     known = np.nan_to_num(limit, nan=np.inf)  # where there is no limit nobody is above it
-    holds = below(samples.t, -samples.v, samples.piece_of, -(known + rules.tolerance))
+    holds = below(samples.t, -samples.v, samples.piece_of, -(known + rules.tolerance + ROUNDED))
     first, last = stretches(holds & samples.kinds(frozenset(settings.kinds)), samples.piece_of)
     for start, end in joined(first, last, samples.t, samples.piece_of, rules.join, 0.0):
         worst = start + int(np.nanargmax(over[start : end + 1]))

@@ -17,7 +17,10 @@ SWERVING = "swerving"
 def find(
     features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
 ) -> Iterator[LabelledManeuver]:
-    """Find who swings several times from side to side within some seconds, from middle to middle of the swings."""
+    """Find who swings several times from side to side within some seconds.
+
+    They count from where the first one has done 0.3 of its way to where the last one has done 0.7.
+    """
     # compiled: numba is imported where it is used only
     from resim.mining import kernel
 
@@ -27,24 +30,22 @@ def find(
         return
     group = samples.piece_of[on] * (len(samples) + 1) + features.stretch[on]
     first = bounds(group)
-    at = np.flatnonzero(kernel.swings(features.aside[on], first, rules.swing))
-    many = rules.swings - 1
-    if len(at) <= many:
+    swings, many = kernel.swings(features.aside[on], first, rules.swing), rules.swings - 1
+    if len(swings) <= many:
         return
-    quick = group[at[many:]] == group[at[:-many]]
-    quick &= samples.t[on[at[many:]]] - samples.t[on[at[:-many]]] <= rules.within + 1e-9
-    last = -1
+    begin, end = on[swings].T
+    quick = group[swings[many:, 0]] == group[swings[:-many, 0]]
+    quick &= samples.t[end[many:]] - samples.t[begin[:-many]] <= rules.within + 1e-9
+    told: list[tuple[int, int]] = []  # the first and the last swing of each
     for k in np.flatnonzero(quick).tolist():
-        if k <= last:
-            continue
-        end = k
-        while end + 1 < len(quick) and quick[end + 1]:
-            end += 1
-        last = end
-        middles = at[k : end + many + 1]
-        start, stop = int(on[middles[0]]), int(on[middles[-1]])
-        swing = float(np.ptp(features.aside[on[middles[0] : middles[-1] + 1]]))
-        figures = {"swing_m": swing, "swings": float(len(middles))}
+        if told and k <= told[-1][1]:
+            told[-1] = told[-1][0], k + many
+        else:
+            told.append((k, k + many))
+    for k, last in told:
+        start, stop = int(begin[k]), int(end[last])
+        swing = float(np.ptp(features.aside[on[swings[k, 0] : swings[last, 1] + 1]]))
+        figures = {"swing_m": swing, "swings": float(last + 1 - k)}
         yield LabelledManeuver(SWERVING, int(samples.owner[start]), start, stop, start, figures=figures)
 
 
