@@ -1,8 +1,8 @@
 """Precision and recall of mined labels, as Kaefer 2022, Tables 5.1 to 5.6.
 
-    python tools/validate_mining.py traffic [FOLDER | --hours H --seed N]     SUMO's motorway against its truth
-    python tools/validate_mining.py damaged [FOLDER | --hours H --seed N]     the same, damaged and repaired
-    python tools/validate_mining.py town [FOLDER | --hours H --seed N]        SUMO's town: turns, lane changes, standing
+    python tools/validate_mining.py traffic [FOLDER | --hours H --seed N ...]     SUMO's motorway against its truth
+    python tools/validate_mining.py damaged [FOLDER | --hours H --seed N ...]     the same, damaged and repaired
+    python tools/validate_mining.py town [FOLDER | --hours H --seed N ...]        SUMO's town: turns, lane changes, standing
     python tools/validate_mining.py augmented [--count N]                     planted maneuvers, varied by chance
 
 A mined label is right where the truth has one of the same name and object that shares a time with it, each counted
@@ -133,7 +133,7 @@ def traffic(folders: list[Path], scratch: Path, listed: int) -> None:
     table: Table = {}
     for folder in folders:
         truth = events(MOTORWAY, read_recording(folder).gt, truth_of(folder))
-        compare(table, folder.name, truth, rows_of(mined(folder, scratch)), EXACT)
+        compare(table, f"{folder.parent.name}/{folder.name}", truth, rows_of(mined(folder, scratch)), EXACT)
     print_table(table, EXACT, listed)
 
 
@@ -142,14 +142,14 @@ def damage(folders: list[Path], scratch: Path, listed: int, seed: int) -> None:
     for number, folder in enumerate(folders):
         recording = read_recording(folder)
         truth = events(MOTORWAY, recording.gt, truth_of(folder))
-        broken = scratch / "damaged" / folder.name
+        broken = scratch / "damaged" / f"{number}"
         damaged(recording, broken, np.random.default_rng([seed, number]))
         every = tuple(CODES)
-        compare(before, folder.name, truth, rows_of(mined(broken, scratch, every), whose), KINDS,
+        compare(before, broken.name, truth, rows_of(mined(broken, scratch, every), whose), KINDS,
                 SHARED_IN_NOISE)  # fmt: skip
-        repaired = scratch / "repaired" / folder.name
+        repaired = scratch / "repaired" / f"{number}"
         repair_recording(broken, repaired)
-        compare(after, folder.name, truth, rows_of(mined(repaired, scratch, every), whose), KINDS,
+        compare(after, broken.name, truth, rows_of(mined(repaired, scratch, every), whose), KINDS,
                 SHARED_IN_NOISE)  # fmt: skip
     print("Before:\n")
     print_table(before, KINDS, 0)
@@ -219,7 +219,7 @@ def main() -> None:
     parser.add_argument("what", choices=("traffic", "damaged", "town", "augmented"))
     parser.add_argument("folder", type=Path, nargs="?", help="recordings that `resim traffic` made")
     parser.add_argument("--hours", type=float, default=0.2)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int, nargs="+", default=[1], help="of the traffic, made with each")
     parser.add_argument("--settings", type=Path, help="of the traffic")
     parser.add_argument("--count", type=int, default=10)
     parser.add_argument("--most", type=int, default=1000, help="recordings, or recipes, at most")
@@ -237,12 +237,15 @@ def main() -> None:
             road = TOWN if asked.what == "town" else MOTORWAY
             own = ROOT / "scenarios" / "traffic" / "urban.toml" if asked.what == "town" else None
             settings = asked.settings or own
-            for _ in make_traffic(road, folder, hours=asked.hours, seed=asked.seed, settings=settings):
-                pass
-        folders = sorted(one.parent for one in folder.glob("*/truth.csv"))[: asked.most]
+            for seed in asked.seed:
+                for _ in make_traffic(
+                    road, folder / f"{seed}", hours=asked.hours, seed=seed, settings=settings
+                ):
+                    pass
+        folders = sorted(one.parent for one in folder.rglob("truth.csv"))[: asked.most]
         print(f"{len(folders)} recordings\n")
         if asked.what == "damaged":
-            damage(folders, scratch, asked.listed, asked.seed)
+            damage(folders, scratch, asked.listed, asked.seed[0])
         else:
             {"traffic": traffic, "town": town}[asked.what](folders, scratch, asked.listed)
 

@@ -13,8 +13,8 @@ from resim.mining.settings import MiningSettings
 from resim.mining.smoothing import averaged
 
 BRAKING, ACCELERATION = "strong_braking", "strong_acceleration"
-PRECISION = 0.03
-"""m/s: standard deviation to which speeds are averaged (our choice): a hundredth of what they change by."""
+PRECISION = 0.04
+"""m/s: standard deviation to which speeds are averaged (our choice: misses and false labels are as many)."""
 
 
 def find(
