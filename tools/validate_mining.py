@@ -1,9 +1,9 @@
 """Precision and recall of mined labels, as Kaefer 2022, Tables 5.1 to 5.6.
 
-    python tools/validate_mining.py traffic [FOLDER | --hours H --seed N ...]     SUMO's motorway against its truth
-    python tools/validate_mining.py damaged [FOLDER | --hours H --seed N ...]     the same, damaged and repaired
-    python tools/validate_mining.py town [FOLDER | --hours H --seed N ...]        SUMO's town: turns, lane changes, standing
-    python tools/validate_mining.py augmented [--count N]                     planted maneuvers, varied by chance
+    python tools/validate_mining.py traffic [FOLDER | --hours H --seed N ...] SUMO's motorway against its truth
+    python tools/validate_mining.py damaged [FOLDER | --hours H --seed N ...] the same, damaged and repaired
+    python tools/validate_mining.py town [FOLDER | --hours H --seed N ...]    SUMO's town: turns, lane changes, standing
+    python tools/validate_mining.py augmented [--count N]                          planted maneuvers, varied by chance
 
 A mined label is right where the truth has one of the same name and object that shares a time with it, each counted
 once. Truth is what `resim traffic` and `resim generate` say (`truth.csv`), and what tools/mining_oracle.py makes of it.
