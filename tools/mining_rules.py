@@ -427,7 +427,8 @@ def _box(seen: Seen, row: int, k: int) -> shapely.Polygon:
 
 def speeds(seen: Seen, row: int, limits: bool = True) -> Iterator[Event]:
     """Speeding, standing, and what changes the speed by more than 3.5 m/s, or 2.5 m/s, within a second."""
-    steps, name, t, a = seen.steps(row), seen.names[row], seen.t, seen.a[row]
+    steps, name, t = seen.steps(row), seen.names[row], seen.t
+    a = differences(t, seen.v[row : row + 1], seen.valid[row : row + 1])[0]
     if limits:
         fast = [bool(seen.v[row, k] > seen.limit[row, k]) for k in steps]
         yield from runs(name, "speeding", fast, steps, t, 1.0)

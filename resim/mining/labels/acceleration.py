@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from resim.mining.features import Features
+from resim.mining.features import ALONG_PRECISION, Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.runs import bounds, stretches
 from resim.mining.settings import MiningSettings
-from resim.mining.smoothing import averaged
+from resim.mining.smoothing import averaged, slope
 
 BRAKING, ACCELERATION = "strong_braking", "strong_acceleration"
 PRECISION = 0.04
@@ -30,14 +30,15 @@ def find(
     rules, samples = settings.acceleration, features.samples
     wanted, first = samples.kinds(frozenset(settings.kinds)), bounds(samples.piece_of)
     v = averaged(samples.t, samples.v, samples.piece_of, PRECISION)
+    a = slope(samples.t, samples.v, samples.piece_of, ALONG_PRECISION)  # recorded ones may be cut off
     for label, sign, limit in ((BRAKING, -1.0, -rules.braking), (ACCELERATION, 1.0, rules.acceleration)):
         within = kernel.within_rises(samples.t, sign * v, first, limit * rules.within, rules.within)
         for begin, until in zip(*stretches(within & wanted, samples.piece_of), strict=True):
-            beyond = begin + np.flatnonzero(sign * features.a[begin : until + 1] > limit)
+            beyond = begin + np.flatnonzero(sign * a[begin : until + 1] > limit)
             start, end = (int(beyond[0]), int(beyond[-1])) if len(beyond) else (int(begin), int(until))
-            peak = start + int(np.nanargmax(sign * features.a[start : end + 1]))
+            peak = start + int(np.nanargmax(sign * a[start : end + 1]))
             figures = {
-                "a_mps2": float(features.a[peak]), "v_start_mps": float(samples.v[start]),
+                "a_mps2": float(a[peak]), "v_start_mps": float(samples.v[start]),
                 "v_end_mps": float(samples.v[end]), "duration_s": float(samples.t[end] - samples.t[start]),
             }  # fmt: skip
             yield LabelledManeuver(label, int(samples.owner[start]), start, end, peak, figures=figures)
