@@ -164,6 +164,8 @@ def test_the_player_shows_a_bundle(varied: Variations) -> None:
 def test_what_cannot_be_varied_says_why(kernels: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no traffic object '7'"):
         vary(DRIVE, kernels, tmp_path / "a", count=1, options=VaryOptions(WhatVaries(("7",))))
+    with pytest.raises(InputError, match="has no traffic object '7'"):  # no joint variation without it
+        vary(DRIVE, kernels, tmp_path / "c", count=1, options=VaryOptions(WhatVaries(("1", "7"))))
     with pytest.raises(InputError, match="has no turn_left"):
         vary(DRIVE, kernels, tmp_path / "b", count=1, options=VaryOptions(WhatVaries(("1",), ("turn_left",))))
     assert not (tmp_path / "a").exists()
