@@ -12,6 +12,7 @@ from resim.cli.app import Accept, Workers, command, vary_app
 from resim.cli.inputs import A_RECORDING
 from resim.cli.progress import ProgressReporter
 from resim.cli.terminal import add_to_json, say
+from resim.core.errors import InputError
 from resim.core.spelling import counted
 
 if TYPE_CHECKING:
@@ -82,7 +83,10 @@ def vary(
     """
     from resim.jobs import vary as job
     from resim.variations.settings import VariationSettings, WhatVaries, read_variation_settings
+    from resim.variations.swept import WIDEST
 
+    if box is not None and not 0.0 < box <= WIDEST:
+        raise InputError("--box", f"expected a share above 0, up to {WIDEST:g}, found {box:g}")
     told = VariationSettings() if settings is None else read_variation_settings(settings)
     given = ({} if box is None else {"box": box}) | ({"overlap": True} if overlap else {})
     told = VariationSettings.model_validate({**told.model_dump(), **given})

@@ -190,6 +190,14 @@ def test_of_real_drives_too_few_held_out_traces_are_told_with_the_variations(tmp
     assert missing in (tmp_path / "v" / "variations.html").read_text("utf-8")
 
 
+@pytest.mark.parametrize("box", ["0", "-1", "nan", "11"])
+def test_a_box_that_is_none_is_told_on_the_command_line(
+    box: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called("vary", DRIVE, "--kernels", "k.json", "--out", tmp_path / "out", f"--box={box}") == 2
+    assert f"--box: expected a share above 0, up to 10, found {float(box):g}" in capsys.readouterr().err
+
+
 def test_from_the_command_line(kernels: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     code = called("vary", DRIVE, "--kernels", kernels, "--object", "1", "--maneuver", "follow_lane", "--count", 3,
