@@ -120,8 +120,8 @@ def _likeness(
             f"(over {TOLD:g})", "what tells most, alone", "held-out traces show it"]  # fmt: skip
     whose = "human drivers, as the user vouches" if data == "real" else "synthetic drivers"
     note = html(
-        '<p class="note">One variation at {} % of each held-out trace; gradient boosting on speeds, accelerations and '
-        "jerk, split by origin. The traces are of {}.</p>", f"{100 * BOX:g}", whose,
+        '<p class="note">One variation at {} % of each held-out trace; gradient boosting on statistics of speeds, '
+        "accelerations and jerk, split by origin. The traces are of {}.</p>", f"{100 * BOX:g}", whose,
     )  # fmt: skip
     return html("<section><h2>Can variations be told?</h2>{}{}</section>", note, table(head, rows))
 
