@@ -114,7 +114,9 @@ def test_what_a_sweep_accepts_holds_for_its_variations(tmp_path: Path) -> None:
     settings = (drive / "recording.toml").read_text("utf-8")
     (drive / "recording.toml").write_text(settings.replace("../../networks/", ""), encoding="utf-8")
     road = (ROOT / "networks" / "proving_ground.xodr").read_text("utf-8")
-    (drive / "proving_ground.xodr").write_text(road.replace('x="1200.0" y="0.0"', 'x="1200.0" y="2.0"'), "utf-8")
+    (drive / "proving_ground.xodr").write_text(
+        road.replace('x="1200.0" y="0.0"', 'x="1200.0" y="2.0"'), "utf-8"
+    )
     file = written(tmp_path, NUMBER.format(high=1.0, steps=2), 'accept = ["LINE_GAP"]')
     file.write_text(file.read_text("utf-8").replace(f"{ROOT}/scenarios/cut_in_brake", str(drive)), "utf-8")
     made, recording = read_sweep(file), read_recording(drive)
