@@ -21,11 +21,20 @@ from resim.jobs.kernels import TrainOptions, maneuver_traces
 from resim.jobs.mine import read_mined
 from resim.variations.evaluation import evaluate
 from resim.variations.kernels import COMPONENTS, ManeuverKernel, fit_kernel
-from resim.variations.likeness import Likeness, tell_apart, varied_traces, with_noise
+from resim.variations.likeness import (
+    Likeness,
+    apart_by_series,
+    series_of,
+    tell_apart,
+    varied_traces,
+    with_noise,
+)
 from resim.variations.training import LONGEST
 
 FOLDS, LEAST, DRAWS, FEW = 4, 200, 100, 5
 BOXES = (0.005, 0.01, 0.02)
+FIVE_FEET = 1.524
+"""m/s."""
 
 
 def traces(folder: Path, name: str, longest: float) -> dict[str, tuple[Floats, np.ndarray]]:
@@ -56,10 +65,23 @@ def held_out(label: str, rows: Floats, vehicle: np.ndarray) -> None:
     for box in BOXES:
         measured, varied = (np.concatenate(part) for part in zip(*pairs[box], strict=True))
         print(f"box of {100.0 * box:g} %: {told(tell_apart(measured, varied))}", flush=True)
+        if box == BOXES[0]:
+            by_values(measured, varied)
     print(f"5 cm of noise: {told(tell_apart(measured, with_noise(measured, np.random.default_rng(0))))}")
 
 
+def by_values(measured: Floats, varied: Floats) -> None:
+    """Print whether variations are told by the values themselves, and by how often they are whole 5 ft/s."""
+    for name, one in apart_by_series(measured, varied).items():
+        print(f"  by the values of {name}: AUC {one.auc:.3f} ({one.low:.3f} to {one.high:.3f})", flush=True)
+    for name, group in (("measured", measured), ("varied", varied)):
+        beside = np.abs((series_of(group)["speed along"] / FIVE_FEET + 0.5) % 1.0 - 0.5) * FIVE_FEET
+        print(f"  {name} speeds within 0.03 m/s of whole 5 ft/s: {100.0 * (beside < 0.03).mean():.1f} %, "
+              f"{100.0 * 0.06 / FIVE_FEET:.1f} % if spread evenly")  # fmt: skip
+
+
 def told(found: Likeness) -> str:
+    """Say how well two groups are told, and by what."""
     by = ", ".join(f"{name} {auc:.2f}" for name, auc in found.by.items())
     return f"AUC {found.auc:.3f} ({found.low:.3f} to {found.high:.3f}), by {by}"
 

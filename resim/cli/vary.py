@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ from resim.cli.app import Accept, Workers, command, vary_app
 from resim.cli.inputs import A_RECORDING
 from resim.cli.progress import ProgressReporter
 from resim.cli.terminal import add_to_json, say
+from resim.core.errors import InputError
 from resim.core.spelling import counted
 
 if TYPE_CHECKING:
@@ -81,7 +83,10 @@ def vary(
     """
     from resim.jobs import vary as job
     from resim.variations.settings import VariationSettings, WhatVaries, read_variation_settings
+    from resim.variations.swept import WIDEST
 
+    if box is not None and not 0.0 < box <= WIDEST:
+        raise InputError("--box", f"expected a share above 0, up to {WIDEST:g}, found {box:g}")
     told = VariationSettings() if settings is None else read_variation_settings(settings)
     given = ({} if box is None else {"box": box}) | ({"overlap": True} if overlap else {})
     told = VariationSettings.model_validate({**told.model_dump(), **given})
@@ -132,26 +137,29 @@ def train(
 ) -> None:  # fmt: skip
     """Train maneuver kernels: principal components of the traces of lane changes, of following a lane, ..."""
     from resim.jobs import kernels as job
+    from resim.variations.evaluation import not_shown
 
     options = job.TrainOptions(error=error, least=least, real=real)
     with ProgressReporter("recordings") as progress:
         found = job.train_kernels(mined, out, options, report=report, progress=progress.step)
+    missing = {name: told for name, kernel in found.kernels.items() if (told := not_shown(kernel))}
     add_to_json(out=out, report=None if report is None else str(report), data=found.data,
                 kernels={name: kernel.traces for name, kernel in found.kernels.items()},
-                not_made=dict(found.not_made))  # fmt: skip
-    _print(found)
+                not_made=dict(found.not_made), not_shown=missing)  # fmt: skip
+    _print(found, missing)
     say(f"{out}: from {found.data} drives")
     if report is not None:
         say(f"report: {report}")
 
 
-def _print(found: KernelFile) -> None:
-    """Print each kernel in a line."""
+def _print(found: KernelFile, missing: Mapping[str, str]) -> None:
+    """Print each kernel in a line. missing: what is not shown, by maneuver."""
     for name, one in found.kernels.items():
         error = (
             "" if one.held_out == 0 else f", of those held out {100.0 * one.reconstruction_held_out:.3f} %"
         )
+        told = f"; {missing[name]}" if name in missing else ""
         say(f"{name}: {counted(one.traces, 'trace')} and {one.held_out} held out, "
-            f"{counted(one.count, 'component')}, error {100.0 * one.reconstruction:.3f} %{error}")  # fmt: skip
+            f"{counted(one.count, 'component')}, error {100.0 * one.reconstruction:.3f} %{error}{told}")  # fmt: skip
     for name, why in found.not_made.items():
         say(f"{name}: no kernel: {why}")

@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
+
+_IN_ONE_LINE = json.JSONEncoder(allow_nan=False).encode
 
 
 def json_text(data: Any) -> str:
     """Give JSON, an array of numbers or texts in one line; ValueError for NaN."""
-    return "".join(_json(data, "")) + "\n"
+    pieces: list[str] = []
+    _write(data, "", pieces)
+    return "".join(pieces) + "\n"
 
 
-def _json(data: Any, indent: str) -> Iterator[str]:
-    """JSON in pieces; dictionaries and lists of them are spread over lines."""
+def _write(data: Any, indent: str, pieces: list[str]) -> None:
+    """Add JSON; dictionaries and lists of them are spread over lines."""
     deeper = indent + "  "
     if isinstance(data, Mapping) and data:
         start = "{\n"
         for key, value in data.items():
-            yield f"{start}{deeper}{json.dumps(str(key))}: "
-            yield from _json(value, deeper)
+            pieces.append(f"{start}{deeper}{_IN_ONE_LINE(str(key))}: ")
+            _write(value, deeper, pieces)
             start = ",\n"
-        yield f"\n{indent}}}"
+        pieces.append(f"\n{indent}}}")
     elif isinstance(data, list | tuple) and any(
         issubclass(of, Mapping | list | tuple) for of in set(map(type, data))
     ):
         start = "[\n"
         for value in data:
-            yield start + deeper
-            yield from _json(value, deeper)
+            pieces.append(start + deeper)
+            _write(value, deeper, pieces)
             start = ",\n"
-        yield f"\n{indent}]"
+        pieces.append(f"\n{indent}]")
     else:
-        yield json.dumps(data, allow_nan=False)
+        pieces.append(_IN_ONE_LINE(data))

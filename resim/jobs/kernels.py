@@ -15,6 +15,7 @@ from resim import __version__
 from resim.core.errors import InputError, ResimError
 from resim.core.files import joined
 from resim.core.geometry import Floats
+from resim.core.spelling import counted
 from resim.execution.child import Failure
 from resim.execution.workers import run_all
 from resim.jobs.given import path_of
@@ -191,7 +192,7 @@ def fitted_kernels(found: Sequence[RecordingTraces], options: TrainOptions) -> K
     not_made: dict[str, str] = {}
     for label, (train, held_out) in pooled(found).items():
         if len(train) < options.least:
-            not_made[label] = f"{len(train)} traces to train on, {options.least} are needed"
+            not_made[label] = f"{counted(len(train), 'trace')} to train on, {options.least} are needed"
             continue
         kernels[label] = fit_kernel(
             label, train, held_out, components=options.components, error=options.error

@@ -28,6 +28,7 @@ from resim.results.folders import VARIATIONS
 from resim.road.opendrive import load
 from resim.scenario.jscen import write_jscen
 from resim.scenario.scenario import Scenario
+from resim.variations.evaluation import of_humans
 from resim.variations.origin import the_origin
 from resim.variations.page.variations import write_variation_page
 from resim.variations.plan import make_plan, verified_for, verified_ranges
@@ -156,7 +157,8 @@ def _found(
         kept += not one.rejected
         progress(kept)
     if kept < count:
-        why = ", ".join(f"{n} {reason}" for reason, n in Counter(one.rejected for one in found).most_common())
+        counts = Counter(one.rejected for one in found if one.rejected)
+        why = ", ".join(f"{n} {reason}" for reason, n in counts.most_common())
         problem = f"of {len(found)} points {kept} are kept: {why}"
         raise InputError(plan.folder, problem, "Take a smaller box, or allow what is rejected.")
     return found
@@ -231,8 +233,7 @@ def _write(
 
 
 def _notes(plan: VariationPlan, dimensions: int, options: VaryOptions) -> Iterator[str]:
-    if plan.kernels.data != "real":
-        yield "the kernels come from synthetic drives: nothing is claimed of how humans drive"
+    yield from of_humans(plan.kernels, [one.label for one in plan.maneuvers])
     yield f"{dimensions} dimensions are varied together"
     if options.verified is not None:
         yield f"trust holds for {verified_for(path_of(options.verified))} alone"

@@ -101,7 +101,7 @@ def _varied(path: Path, file: SweepFile) -> VariedRuns | None:
     read_kernels(kernels)
     return VariedRuns(
         told, FrozenFile(kernels, file_hash(kernels)),
-        None if verified is None else FrozenFile(verified, file_hash(verified)),
+        None if verified is None else FrozenFile(verified, file_hash(verified)), file.accept,
     )  # fmt: skip
 
 

@@ -85,7 +85,7 @@ def _varied(swept: SweepResult) -> VariedRuns | None:
     verified = inputs.verified
     return VariedRuns(
         told, _unchanged(swept.folder, inputs.kernels, file_hash),
-        None if verified is MISSING else _unchanged(swept.folder, verified, file_hash),
+        None if verified is MISSING else _unchanged(swept.folder, verified, file_hash), swept.file.accept,
     )  # fmt: skip
 
 

@@ -36,11 +36,15 @@ TRIES = 20
 
 @dataclass(frozen=True)
 class VariedRuns:
-    """How a recording is varied in runs. kernels, verified: the files, as they were when the sweep was read."""
+    """How a recording is varied in runs.
+
+    kernels, verified: the files, as they were when the sweep was read. accept: codes of findings to continue despite.
+    """
 
     told: SweepVariation
     kernels: FrozenFile
     verified: FrozenFile | None
+    accept: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -144,7 +148,7 @@ def _variations(prepared: PreparedRecording, digest: str, runs: VariedRuns) -> _
     for frozen in (runs.kernels, runs.verified):
         if frozen is not None and file_hash(frozen.path) != frozen.hash:
             raise InputError(frozen.path, "was changed since the sweep was read", "Restore it.")
-    what = WhatVaries(runs.told.object, runs.told.maneuver)
+    what = WhatVaries(runs.told.object, runs.told.maneuver, runs.accept)
     plan = make_plan(prepared.recording, runs.kernels.path, what, VariationSettings(box=runs.told.box))
     ranges = None if runs.verified is None else verified_ranges(runs.verified.path, digest)
     verified = None if runs.verified is None else verified_request(runs.verified.path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,8 @@ from resim.core.correlation import (
     uncorrelated_pearson,
 )
 from resim.core.geometry import Floats
-from resim.variations.kernels import ManeuverKernel
+from resim.variations.kernels import KernelFile, ManeuverKernel
+from resim.variations.swept import BOX
 
 ENOUGH = 500
 """Held-out traces of a maneuver below which nothing is shown."""
@@ -87,6 +89,30 @@ def evaluate(kernel: ManeuverKernel, held_out: Floats) -> KernelEvaluation:
         bias,
         kernel.reconstruction_held_out,
     )
+
+
+def not_shown(kernel: ManeuverKernel) -> str:
+    """Say how many held-out traces are missing for anything to be shown of a kernel, "" where there are enough."""
+    missing = ENOUGH - kernel.held_out
+    return (
+        f"not shown: {kernel.held_out} of {ENOUGH} held-out traces, {missing} are missing"
+        if missing > 0
+        else ""
+    )
+
+
+def of_humans(kernels: KernelFile, labels: Iterable[str]) -> Iterator[str]:
+    """Say what may be claimed of variations of these maneuvers: whether they are as humans drive.
+
+    Of real drives with enough held-out traces, what was found is in the report of `resim vary train` alone.
+    """
+    if kernels.data != "real":
+        yield "the kernels come from synthetic drives: nothing is claimed of how humans drive"
+        return
+    for label in dict.fromkeys(labels):
+        told = not_shown(kernels.kernels[label])
+        told = told or f"see the report of `resim vary train`, which looks at a box of {BOX:g}"
+        yield f"whether variations of {label} are as humans drive: {told}"
 
 
 def _largest(matrix: Floats) -> float:

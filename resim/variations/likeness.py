@@ -1,6 +1,8 @@
 """Can a classifier tell variations from measured traces? One variation of each held-out trace, gradient boosting.
 
-It sees speeds, accelerations and jerk, along and across the lane, of 50 equitemporal points each. Traces of one origin
+It sees statistics of speeds, accelerations and jerk, along and across the lane, of 50 equitemporal points each: of the
+values themselves a classifier also learns which ones a recording prefers (NGSIM's speeds dwell at whole 5 ft/s), which
+tells of who recorded and not of who drove. `apart_by_series` does that. Traces of one origin
 are in one fold, so that it never has seen a trace's own variation. Measured and varied go the same way: each is put
 between stretches of steady speed, joined as a variation is, and its points are taken from that.
 """
@@ -89,42 +91,61 @@ def _extended(t: Floats, values: Floats, grid: Floats) -> Floats:
 
 def signals(features: Floats) -> dict[str, Floats]:
     """Give what the classifier sees (M,), by name: statistics of speed, acceleration and jerk along and across."""
+    out: dict[str, Floats] = {}
+    for name, series in series_of(features).items():
+        figures = (
+            series.mean(axis=1), series.std(axis=1), series.min(axis=1), series.max(axis=1),
+            np.abs(np.diff(series, axis=1)).mean(axis=1),
+        )  # fmt: skip
+        out |= {f"{statistic} {name}": value for statistic, value in zip(STATISTICS, figures, strict=True)}
+    return out
+
+
+def series_of(features: Floats) -> dict[str, Floats]:
+    """Give speed, acceleration and jerk, along and across, at the points of each trace (M, points - order), by name."""
     t, s, d = parts(features)
     step = (t[:, -1:] / (POINTS - 1)).clip(1e-6)
-    out: dict[str, Floats] = {}
-    for where, values in (("along", s), ("across", d)):
-        for order, name in enumerate(("speed", "acceleration", "jerk"), start=1):
-            series = np.diff(values, order, axis=1) / step**order
-            figures = (
-                series.mean(axis=1), series.std(axis=1), series.min(axis=1), series.max(axis=1),
-                np.abs(np.diff(series, axis=1)).mean(axis=1),
-            )  # fmt: skip
-            out |= {
-                f"{statistic} {name} {where}": value
-                for statistic, value in zip(STATISTICS, figures, strict=True)
-            }
-    return out
+    return {
+        f"{name} {where}": np.diff(values, order, axis=1) / step**order
+        for where, values in (("along", s), ("across", d))
+        for order, name in enumerate(("speed", "acceleration", "jerk"), start=1)
+    }
 
 
 def tell_apart(one: Floats, other: Floats, seed: int = 0) -> Likeness:
     """Try to tell the traces of two groups (M, 3 points), row by row of the same origin."""
-    from sklearn.ensemble import GradientBoostingClassifier  # takes long to load
-    from sklearn.model_selection import GroupKFold
-
     names = [*signals(one[:1])]
     x = np.concatenate([np.column_stack([*signals(group).values()]) for group in (one, other)])
     y = np.repeat([0, 1], len(one))
-    origin = np.tile(np.arange(len(one)), 2)
+    alone = {name: area(x[:, k], y) for k, name in enumerate(names)}
+    most = sorted(alone, key=lambda name: -abs(alone[name] - 0.5))[:3]
+    return Likeness(len(one), *_apart(x, seed), {name: alone[name] for name in most})
+
+
+def apart_by_series(one: Floats, other: Floats, seed: int = 0) -> dict[str, Likeness]:
+    """Try to tell two groups (M, 3 points) by the values at each point: of each series by itself, and of "all"."""
+    found = [series_of(group) for group in (one, other)]
+    x = {name: np.concatenate([group[name] for group in found]) for name in found[0]}
+    every = x | {"all": np.concatenate([*x.values()], axis=1)}
+    return {name: Likeness(len(one), *_apart(values, seed), {}) for name, values in every.items()}
+
+
+def _apart(x: Floats, seed: int) -> tuple[float, float, float]:
+    """The area, and the ends of its interval, for what is seen (2 M, K) of two groups of the same origins."""
+    from sklearn.ensemble import GradientBoostingClassifier  # takes long to load
+    from sklearn.model_selection import GroupKFold
+
+    count = len(x) // 2
+    y = np.repeat([0, 1], count)
+    origin = np.tile(np.arange(count), 2)
     score = np.empty(len(y))
     for train, test in GroupKFold(FOLDS).split(x, y, origin):
         model = GradientBoostingClassifier(n_estimators=100, max_depth=3, subsample=0.7, random_state=seed)
         score[test] = model.fit(x[train], y[train]).predict_proba(x[test])[:, 1]
     rng = np.random.default_rng(seed)
-    drawn = [_redrawn(score, y, rng.integers(0, len(one), len(one))) for _ in range(DRAWS)]
+    drawn = [_redrawn(score, y, rng.integers(0, count, count)) for _ in range(DRAWS)]
     low, high = np.quantile(drawn, [0.025, 0.975]).tolist()
-    alone = {name: area(x[:, k], y) for k, name in enumerate(names)}
-    most = sorted(alone, key=lambda name: -abs(alone[name] - 0.5))[:3]
-    return Likeness(len(one), area(score, y), low, high, {name: alone[name] for name in most})
+    return area(score, y), low, high
 
 
 def _redrawn(score: Floats, y: NDArray[np.integer], origins: NDArray[np.integer]) -> float:

@@ -26,7 +26,10 @@ from resim.verification.validity_runs import critical
 def make_plan(
     recording: Recording, kernels: Path, wanted: WhatVaries, settings: VariationSettings
 ) -> VariationPlan:
-    """Say what is varied of a recording that was read from a folder. Raises InputError where there is nothing."""
+    """Say what is varied of a recording that was read from a folder.
+
+    Raises InputError for an object of which there is nothing to vary.
+    """
     assert recording.folder is not None
     known = read_kernels(kernels)
     prepared = prepare(recording, (), wanted.accept)
@@ -36,8 +39,8 @@ def make_plan(
     chosen = tuple(
         one for one in every if one.object in objects and (not wanted.labels or one.label in wanted.labels)
     )
-    if not chosen:
-        _refuse(recording.folder, scenario, objects, every, wanted.labels)
+    if without := [name for name in objects if all(one.object != name for one in chosen)]:
+        _refuse(recording.folder, scenario, without, every, wanted.labels)
     the_origin(scenario, prepared.network, known, chosen)
     return VariationPlan(
         recording.folder, content_hash(recording.folder), wanted.accept, scenario, known, file_hash(kernels), chosen,

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from resim.core.spec import Strict, read_strict
 from resim.scenario.augmentation.settings import VehicleType, Weather
-from resim.variations.swept import BOX
+from resim.variations.swept import BOX, WIDEST
 
 EXAMPLE = "docs/formats/variation.md has one."
 Positive = Annotated[float, Field(strict=True, gt=0.0)]
@@ -45,7 +45,7 @@ class VariationSettings(Strict):
         limits: What it may not do.
     """
 
-    box: Annotated[float, Field(strict=True, gt=0.0, le=10.0)] = BOX
+    box: Annotated[float, Field(strict=True, gt=0.0, le=WIDEST)] = BOX
     vehicle: tuple[VehicleType, ...] = ()
     weather: tuple[Weather, ...] = ()
     overlap: bool = False

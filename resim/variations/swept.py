@@ -10,6 +10,8 @@ from resim.core.spec import Strict
 
 BOX = 0.005
 """Δc of the source: 0.5 % of each component's range."""
+WIDEST = 10.0
+"""Δc at most."""
 
 
 class SweepVariation(Strict):
@@ -23,5 +25,5 @@ class SweepVariation(Strict):
     kernels: Annotated[str, Field(min_length=1)]
     object: tuple[str, ...] = ()
     maneuver: tuple[str, ...] = ()
-    box: Annotated[float, Field(strict=True, gt=0.0, le=10.0)] = BOX
+    box: Annotated[float, Field(strict=True, gt=0.0, le=WIDEST)] = BOX
     verified: str | None = None

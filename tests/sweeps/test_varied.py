@@ -1,5 +1,6 @@
 """Variations as parameters of a sweep: which drive a run is of, how far it is, and what is legitimised."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,9 +12,12 @@ from traced import kernel_file
 from resim.core.errors import InputError
 from resim.jobs.sweep import SweepOptions, report_sweep, sweep
 from resim.jobs.vary import VaryOptions, vary
+from resim.recordings import read_recording
+from resim.resimulation.run import prepare
 from resim.simulation.reactive.settings import ReactiveSettings
+from resim.sweeps.file import read_sweep
 from resim.sweeps.sweep_file import read_sweep_file
-from resim.sweeps.varied import SweptDriver, _unlike
+from resim.sweeps.varied import SweptDriver, _unlike, vary_recording
 from resim.variations.kernels import write_kernels
 from resim.variations.settings import VariationSettings, WhatVaries
 
@@ -101,6 +105,29 @@ def test_components_move_by_standard_deviations(tmp_path: Path) -> None:
     rows = sweep(file, tmp_path / "out", SweepOptions(workers=1)).table
     wanted = np.hypot(rows["variation.c1"], rows["variation.c2"])
     np.testing.assert_allclose(rows["variation_distance"], wanted, rtol=1e-9)
+
+
+def test_what_a_sweep_accepts_holds_for_its_variations(tmp_path: Path) -> None:
+    """Each run of a drive whose map has an accepted error failed for it: far behind the drive, here."""
+    drive = tmp_path / "drive"
+    shutil.copytree(ROOT / "scenarios" / "cut_in_brake", drive)
+    settings = (drive / "recording.toml").read_text("utf-8")
+    (drive / "recording.toml").write_text(settings.replace("../../networks/", ""), encoding="utf-8")
+    road = (ROOT / "networks" / "proving_ground.xodr").read_text("utf-8")
+    (drive / "proving_ground.xodr").write_text(
+        road.replace('x="1200.0" y="0.0"', 'x="1200.0" y="2.0"'), "utf-8"
+    )
+    file = written(tmp_path, NUMBER.format(high=1.0, steps=2), 'accept = ["LINE_GAP"]')
+    file.write_text(file.read_text("utf-8").replace(f"{ROOT}/scenarios/cut_in_brake", str(drive)), "utf-8")
+    made, recording = read_sweep(file), read_recording(drive)
+    assert made.varied is not None
+    setup = SweptDriver("b", None, "kinematic", None)
+    digest, values = made.hashes[next(iter(made.hashes))], {"variation.number": 1.0}
+    with pytest.raises(InputError, match="LINE_GAP"):
+        prepare(recording, ())
+    prepared = prepare(recording, (), ("LINE_GAP",))
+    _, told = vary_recording(prepared, digest, made.varied, values, setup)
+    assert told["variation_trust"] == "unknown"
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Kernels: components, their number, what they reconstruct, and their file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ from traced import kernel, kernel_file, lane_changes
 
 from resim.core.correlation import pearson
 from resim.core.errors import InputError, ResimError
-from resim.variations.evaluation import ENOUGH, evaluate
+from resim.variations.evaluation import ENOUGH, evaluate, of_humans
 from resim.variations.features import POINTS
 from resim.variations.kernels import fit_kernel, read_kernels, reconstruction_error, write_kernels
 
@@ -73,6 +74,19 @@ def test_below_enough_held_out_traces_nothing_is_shown() -> None:
     many = evaluate(kernel(), lane_changes(ENOUGH, seed=3))
     assert many.missing == 0
     assert many.reconstructed is not None
+
+
+def test_of_humans_only_what_was_looked_at_may_be_claimed() -> None:
+    made = kernel_file("lane_change_right")
+    assert [*of_humans(made, ["lane_change_right"])] == [
+        "the kernels come from synthetic drives: nothing is claimed of how humans drive"
+    ]
+    few = made.kernels["lane_change_right"]
+    many = replace(few, label="follow_lane", held_out=ENOUGH)
+    real = replace(made, data="real", kernels={"lane_change_right": few, "follow_lane": many})
+    first, second = of_humans(real, ["lane_change_right", "follow_lane", "lane_change_right"])
+    assert first.endswith("not shown: 100 of 500 held-out traces, 400 are missing")
+    assert "see the report" in second
 
 
 def test_correlated_components_are_told() -> None:

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from traced import kernel, lane_changes
 
-from resim.variations.likeness import ALIKE, TOLD, area, tell_apart, varied_traces, with_noise
+from resim.variations.features import POINTS
+from resim.variations.likeness import (
+    ALIKE,
+    TOLD,
+    apart_by_series,
+    area,
+    tell_apart,
+    varied_traces,
+    with_noise,
+)
 
 HELD_OUT = lane_changes(120, seed=4)
 
@@ -30,3 +39,20 @@ def test_small_variations_are_not_told_and_noise_is() -> None:
 def test_traces_are_taken_as_they_are() -> None:
     measured, _ = varied_traces(kernel(), HELD_OUT[:3], 0.0)
     np.testing.assert_allclose(measured, HELD_OUT[:3], atol=2e-3)
+
+
+def test_speeds_at_which_a_recording_dwells_are_told_by_their_values() -> None:
+    """As NGSIM's do at whole 5 ft/s; those across, where nothing differs, tell nothing."""
+    rng = np.random.default_rng(3)
+    t, step = np.linspace(0.0, 9.8, POINTS), 0.2
+    measured = []
+    for _ in range(150):
+        speed = 1.524 * np.repeat(rng.integers(6, 12, 7), 7)[: POINTS - 1]
+        s = np.concatenate([[0.0], np.cumsum(speed * step)])
+        measured.append(np.concatenate([t, s, np.zeros(POINTS)]))
+    one = np.array(measured)
+    other = one.copy()
+    other[:, POINTS : 2 * POINTS] += rng.normal(0.0, 0.15, (150, 1)) * t
+    found = apart_by_series(one, other)
+    assert found["speed along"].auc > TOLD
+    assert found["speed across"].auc == 0.5

@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from resim.core.halton import halton
 from resim.core.overlaps import first_overlaps
 from resim.jobs.export import export_rocrate
 from resim.jobs.play import played_drive
-from resim.jobs.vary import Variations, VaryOptions, _other, read_variations, vary
+from resim.jobs.vary import Variations, VaryOptions, _found, _other, read_variations, vary
 from resim.recordings import RecordingTables, read_recording
 from resim.recordings.checks import examine
 from resim.results import write_parquet
@@ -163,9 +164,38 @@ def test_the_player_shows_a_bundle(varied: Variations) -> None:
 def test_what_cannot_be_varied_says_why(kernels: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no traffic object '7'"):
         vary(DRIVE, kernels, tmp_path / "a", count=1, options=VaryOptions(WhatVaries(("7",))))
+    with pytest.raises(InputError, match="has no traffic object '7'"):  # no joint variation without it
+        vary(DRIVE, kernels, tmp_path / "c", count=1, options=VaryOptions(WhatVaries(("1", "7"))))
     with pytest.raises(InputError, match="has no turn_left"):
         vary(DRIVE, kernels, tmp_path / "b", count=1, options=VaryOptions(WhatVaries(("1",), ("turn_left",))))
     assert not (tmp_path / "a").exists()
+
+
+def test_too_many_rejected_points_are_told_by_reason(kernels: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    reasons = ["fit", "", "overlap", "fit"]
+    found = [FoundVariation(n, np.zeros(1), None, why) for n, why in enumerate(reasons, start=1)]
+    monkeypatch.setattr("resim.jobs.vary.search", lambda *_: found)
+    with pytest.raises(InputError, match=r"of 4 points 1 are kept: 2 fit, 1 overlap\. Take"):
+        _found(SimpleNamespace(folder=DRIVE), 2, 1, lambda kept: None)  # type: ignore[arg-type]
+
+
+def test_of_real_drives_too_few_held_out_traces_are_told_with_the_variations(tmp_path: Path) -> None:
+    """100 traces were held out: nothing shows that the variations are as humans drive."""
+    write_kernels(replace(KERNELS, data="real"), tmp_path / "kernels.json")
+    found = vary(
+        DRIVE, tmp_path / "kernels.json", tmp_path / "v", count=1, options=VaryOptions(THERE, workers=1)
+    )
+    missing = "are as humans drive: not shown: 100 of 500 held-out traces, 400 are missing"
+    assert f"whether variations of lane_change_right {missing}" in found.report.notes
+    assert missing in (tmp_path / "v" / "variations.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize("box", ["0", "-1", "nan", "11"])
+def test_a_box_that_is_none_is_told_on_the_command_line(
+    box: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called("vary", DRIVE, "--kernels", "k.json", "--out", tmp_path / "out", f"--box={box}") == 2
+    assert f"--box: expected a share above 0, up to 10, found {float(box):g}" in capsys.readouterr().err
 
 
 def test_from_the_command_line(kernels: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,11 +16,11 @@ from resim.report.markup import Markup, html, join
 from resim.report.plots import captioned, compact, dots, joined, line, style
 from resim.report.tables import table
 from resim.variations.evaluation import (
-    ENOUGH,
     RECONSTRUCTED,
     UNCORRELATED,
     KernelEvaluation,
     evaluate,
+    not_shown,
 )
 from resim.variations.features import parts
 from resim.variations.kernels import KernelFile, ManeuverKernel
@@ -83,7 +83,7 @@ def _summary(kernels: KernelFile, found: Mapping[str, KernelEvaluation]) -> Mark
         rows.append([
             name, str(kernel.traces), str(kernel.held_out), str(kernel.count), _share(kernel.reconstruction),
             _share(one.reconstruction), f"{_or_none(one.linear)} (bias {_or_none(one.linear_bias)})",
-            f"{_or_none(one.nonlinear)} (bias {_or_none(one.bias)})", verdict(one),
+            f"{_or_none(one.nonlinear)} (bias {_or_none(one.bias)})", verdict(kernel, one),
         ])  # fmt: skip
     rows += [
         [name, "–", "–", "–", "–", "–", "–", "–", f"no kernel: {why}"]
@@ -118,10 +118,10 @@ def _likeness(
         rows.append([name, str(alike.traces), _auc(alike), _auc(noisy), _by(alike), told])
     head = ["maneuver", "traces", f"AUC, variations (at most {ALIKE:g})", f"AUC, {100 * PLANTED:g} cm of noise "
             f"(over {TOLD:g})", "what tells most, alone", "held-out traces show it"]  # fmt: skip
-    whose = "human" if data == "real" else "synthetic"
+    whose = "human drivers, as the user vouches" if data == "real" else "synthetic drivers"
     note = html(
-        '<p class="note">One variation at {} % of each held-out trace; gradient boosting on speeds, accelerations and '
-        "jerk, split by origin. The traces are of {} drivers.</p>", f"{100 * BOX:g}", whose,
+        '<p class="note">One variation at {} % of each held-out trace; gradient boosting on statistics of speeds, '
+        "accelerations and jerk, split by origin. The traces are of {}.</p>", f"{100 * BOX:g}", whose,
     )  # fmt: skip
     return html("<section><h2>Can variations be told?</h2>{}{}</section>", note, table(head, rows))
 
@@ -138,10 +138,10 @@ def _or_none(value: float) -> str:
     return "–" if np.isnan(value) else f"{value:.3f}"
 
 
-def verdict(one: KernelEvaluation) -> str:
+def verdict(kernel: ManeuverKernel, one: KernelEvaluation) -> str:
     """Say in words what held-out traces show of a kernel."""
-    if not one.shown:
-        return f"not shown: {one.held_out} of {ENOUGH} held-out traces, {one.missing} are missing"
+    if missing := not_shown(kernel):
+        return missing
     told = "uncorrelated" if one.uncorrelated else "correlated"
     more = "reconstructed" if one.reconstructed else f"not reconstructed to {PERCENT * RECONSTRUCTED:g} %"
     return f"{told}, {more}"

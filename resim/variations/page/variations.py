@@ -18,6 +18,7 @@ from resim.report.plots import captioned, joined, line, sample, style
 from resim.report.tables import table
 from resim.scenario.trace import Trace, TraceStates
 from resim.variations.candidate import VariedDrive
+from resim.variations.evaluation import of_humans
 from resim.variations.origin import object_of
 from resim.variations.report import VariationInputs
 from resim.variations.search import FoundVariation, VariationPlan
@@ -26,9 +27,6 @@ SHOWN = 100
 """Variations that are drawn, as in Fig. 6.6."""
 LISTED = 500
 VARIED, ORIGIN = "#7B3294", "#009E73"
-SYNTHETIC = Markup(
-    '<p class="note">The kernels come from synthetic drives: nothing here says how humans drive.</p>'
-)
 STEP = 0.05
 """s between drawn samples."""
 
@@ -65,7 +63,8 @@ def _header(inputs: VariationInputs, plan: VariationPlan, rows: pd.DataFrame) ->
             "of them hold in simulation alone.</p>", outside, len(rows),
         ) if outside else ""
     )  # fmt: skip
-    claim = SYNTHETIC if plan.kernels.data != "real" else Markup()
+    notes = of_humans(plan.kernels, [one.label for one in plan.maneuvers])
+    claim = join(html('<p class="note">{}.</p>', note[0].upper() + note[1:]) for note in notes)
     return html(
         '<header><p class="kind">Variations</p><h1>Around {}</h1><dl class="facts">{}</dl>{}{}</header>',
         inputs.recording, listed, warning, claim,
