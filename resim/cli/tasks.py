@@ -86,10 +86,15 @@ def later(task: Task) -> None:
 def _steer(task: str, act: str, too_late: str) -> None:
     from resim.jobs.lake import the_catalog
     from resim.jobs.tasks import steer_task
+    from resim.results.queue import TaskQueue
+    from resim.supervisor.audit import noted_command
 
-    found, done = steer_task(the_catalog(), task, act)
-    if not done:
-        raise InputError(task, f"{too_late}: it is {found.state}", "`resim tasks list` shows all.")
+    catalog = the_catalog()
+    name = TaskQueue(catalog).find(task)
+    with noted_command(f"/tasks/{name}/{act}"):
+        found, done = steer_task(catalog, name, act)
+        if not done:
+            raise InputError(task, f"{too_late}: it is {found.state}", "`resim tasks list` shows all.")
     add_to_json(**_told(found))
     say(_line(found))
 

@@ -23,6 +23,7 @@ from resim.results.catalog import Catalog
 from resim.results.scanning import add_roots
 from resim.supervisor.access import Access, kept_key
 from resim.supervisor.app import make_app
+from resim.supervisor.audit import AUDIT
 from resim.supervisor.forms import JobForm
 from resim.supervisor.guard import Door
 from resim.supervisor.parts import Supervisor, SupervisorSettings
@@ -125,7 +126,7 @@ def serve(
         )
         tasks = Path(os.path.realpath(options.tasks))
         tasks.mkdir(parents=True, exist_ok=True)
-        audit = data / "audit.jsonl"
+        audit = data / AUDIT
         parts = SupervisorSettings(catalog, forms, tasks, access, door, audit, options.jobs, options.note)
         supervisor = Supervisor(parts)
         add_roots(catalog, options.folders)  # a catalog that cannot be used is told of now
