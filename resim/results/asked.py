@@ -15,6 +15,8 @@ from resim.core.sealed import read_sealed, sealed
 from resim.results.entry import KINDS, CatalogEntry, ItemKind, digest, kind_of
 
 FILE = "asked.json"
+AGAIN = "again"
+"""Folder, below where the command is called, into which results are made again."""
 MOST_PATHS = 200
 """Files of a command line that is offered; that of more is of no use to a person."""
 _REMEDY = "Make the results again."
@@ -40,7 +42,7 @@ class AskedValue:
 
 @dataclass(frozen=True)
 class AskedResults:
-    """A command line without what changes no result. command: its words after `resim`."""
+    """A command line without what changes no result, such as the folder that it went into. command: its words after `resim`."""
 
     command: tuple[str, ...]
     values: tuple[AskedValue, ...]
@@ -106,7 +108,7 @@ def words_of(asked: AskedResults, find: Callable[[str], str | None]) -> list[str
             options += [word for word in (value.option, text) if word]
         else:
             arguments.append(text)
-    return ["resim", *asked.command, *arguments, *options]
+    return ["resim", *asked.command, *arguments, *options, "--out", AGAIN]
 
 
 def _is_at(value: AskedValue) -> bool:
