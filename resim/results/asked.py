@@ -42,7 +42,7 @@ class AskedValue:
 
 @dataclass(frozen=True)
 class AskedResults:
-    """A command line without what changes no result, such as the folder that it went into. command: its words after `resim`."""
+    """A command line without what changes no result, such as where it goes. command: its words after `resim`."""
 
     command: tuple[str, ...]
     values: tuple[AskedValue, ...]
