@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from calling import called
 from resealed import edit
 from swept import state_hashes
 
@@ -48,6 +49,12 @@ def test_a_run_is_told_by_its_sources(made: Path) -> None:
         (made_with,) = (f.name for f in read_entry(made / kind).facts if f.facet == FACET)
         assert f"highway {criteria}" in read_circumstances(made_with)["criteria"]
         assert read_circumstances(made_with)["vehicle"] == "kinematic"
+
+
+def test_a_space_follows_from_what_was_mined_and_its_recordings(made: Path, tmp_path: Path) -> None:
+    assert called("space", "build", made / "mining", "--out", tmp_path / "space") == 0
+    found = hashes(read_entry(tmp_path / "space").inputs)
+    assert found == {"mining": read_entry(made / "mining").digest, "recording": content_hash(DRIVE)}
 
 
 def test_an_assessment_without_criteria_is_not_judged(made: Path) -> None:
