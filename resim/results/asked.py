@@ -20,6 +20,7 @@ AGAIN = "again"
 MOST_PATHS = 200
 """Files of a command line that is offered; that of more is of no use to a person."""
 _REMEDY = "Make the results again."
+SWEEP_RUN = ("sweep", "repeat")
 _ROLES: dict[ItemKind, tuple[str, ...]] = {
     "run": ("recording", "build", "criteria", "perception"), "verification": ("suite", "build", "against"),
     "assessment": ("criteria",), "mining": ("recording",),
@@ -83,6 +84,8 @@ def read_asked(entry: CatalogEntry) -> AskedResults | None:
         command = tuple(str(word) for word in told["command"])
     except (InputError, OSError, KeyError, TypeError):
         return None
+    if command == SWEEP_RUN:  # the sweep, whose content is told, says of what
+        return AskedResults(command, values)
     asked = {v.hash for v in values}
     stated = {i.hash for i in entry.inputs if i.role in _ROLES.get(entry.kind, ()) and i.hash}
     return AskedResults(command, values) if stated <= asked else None

@@ -14,7 +14,7 @@ from calling import called
 from resim.cli.offered import OFFERED
 from resim.cli.parameters import WITHOUT_EFFECT, option_of
 from resim.jobs.lake import again
-from resim.results.asked import AGAIN, FILE, read_asked
+from resim.results.asked import AGAIN, FILE, AskedResults, AskedValue, read_asked, write_asked
 from resim.results.entry import digest
 from resim.results.reading import read_entry
 
@@ -111,6 +111,13 @@ def test_a_sweep_and_a_space_that_grew_are_made_again(made: Path, tmp_path: Path
     (tmp_path / "grown").mkdir()
     told = repeated(tmp_path / "grown", "space", "grow", tmp_path / "space", tmp_path / "mined")
     assert told[1:] == ["space", "grow", str(tmp_path / "space"), str(tmp_path / "mined")]
+
+
+def test_a_run_of_a_sweep_is_said_to_be_made_of_the_sweep(made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made / "run", tmp_path / "one")
+    swept = AskedValue("", str(made / "sweep"), digest(made / "sweep", "sweep"))
+    write_asked(AskedResults(("sweep", "repeat"), (swept, AskedValue("", "0"))), tmp_path / "one")
+    assert command(tmp_path / "one")[1:] == ["sweep", "repeat", str(made / "sweep"), "0", "--out", AGAIN]
 
 
 def test_results_that_others_wrote_over_are_not_said_to_be_made_so(tmp_path: Path, made: Path) -> None:
