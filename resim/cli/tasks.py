@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from resim.results.queue import QueuedTask
 
 tasks = typer.Typer(
-    help="Tasks of the Supervisor (`resim serve`): list them, and cancel, pause, repeat or reorder them.",
+    help="Tasks of the Supervisor (`resim serve`): list them, print their logs, and cancel, pause, repeat or reorder them.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -39,6 +40,28 @@ def list_(
         say(_line(one))
     if not found:
         say("no tasks; `resim serve` starts them")
+
+
+@command(tasks)
+def log(task: Task) -> None:
+    """Print the log of a task, as far as it is written."""
+    from resim.jobs.lake import the_catalog
+    from resim.results.queue import TaskQueue
+    from resim.supervisor.processes import opened
+    from resim.supervisor.runner import LOG
+
+    queue = TaskQueue(the_catalog())
+    found = queue.get(queue.find(task))
+    try:
+        with opened(Path(found.folder) / LOG) as file:
+            text = file.read().decode(errors="replace")
+    except OSError as e:
+        raise InputError(
+            task, f"has no log on this machine: it is {_state(found)}", f"It is done on {found.host}."
+        ) from e
+    add_to_json(log=text)
+    for line in text.splitlines():
+        say(visible(line))
 
 
 @command(tasks)

@@ -55,6 +55,16 @@ def test_tasks_are_listed_and_steered(catalog: Catalog, call: Call) -> None:
         assert (code, why in " ".join(err.split())) == (2, True), (words, err)
 
 
+def test_the_log_of_a_task_is_printed(catalog: Catalog, call: Call, tmp_path: Path) -> None:
+    name = "aaaa0000aaaa0000"
+    TaskQueue(catalog).add(name, "check", ("check",), str(tmp_path))
+    code, _, err = call("tasks", "log", "aaaa")
+    assert (code, "has no log on this machine: it is waiting" in " ".join(err.split())) == (2, True)
+    (tmp_path / "log.txt").write_bytes(b"$ resim check\n\xff\x1b[2Jdone\n")
+    code, out, _ = call("tasks", "log", "aaaa")
+    assert (code, out.splitlines()[0], "\x1b" in out) == (0, "$ resim check", False)
+
+
 def test_who_steers_in_the_terminal_is_in_the_trail(
     catalog: Catalog, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
