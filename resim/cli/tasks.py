@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from resim.results.queue import QueuedTask
 
 tasks = typer.Typer(
-    help="Tasks of the Supervisor (`resim serve`): list them, print their logs, and cancel, pause, repeat or reorder them.",
+    help="Tasks of the Supervisor (`resim serve`): list, cancel, pause, repeat or reorder them, and see their logs.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -46,19 +45,9 @@ def list_(
 def log(task: Task) -> None:
     """Print the log of a task, as far as it is written."""
     from resim.jobs.lake import the_catalog
-    from resim.results.queue import TaskQueue
-    from resim.supervisor.processes import opened
-    from resim.supervisor.runner import LOG
+    from resim.jobs.tasks import read_task_log
 
-    queue = TaskQueue(the_catalog())
-    found = queue.get(queue.find(task))
-    try:
-        with opened(Path(found.folder) / LOG) as file:
-            text = file.read().decode(errors="replace")
-    except OSError as e:
-        raise InputError(
-            task, f"has no log on this machine: it is {_state(found)}", f"It is done on {found.host}."
-        ) from e
+    text = read_task_log(the_catalog(), task)
     add_to_json(log=text)
     for line in text.splitlines():
         say(visible(line))
@@ -109,8 +98,8 @@ def later(task: Task) -> None:
 def _steer(task: str, act: str, too_late: str) -> None:
     from resim.jobs.lake import the_catalog
     from resim.jobs.tasks import steer_task
+    from resim.results.audit import noted_command
     from resim.results.queue import TaskQueue
-    from resim.supervisor.audit import noted_command
 
     catalog = the_catalog()
     name = TaskQueue(catalog).find(task)

@@ -43,7 +43,7 @@ def add(
     ] = RoleChoice.look,
 ) -> None:
     """Add a user, and print the token, once: it is kept nowhere. Who may run may run code on this machine."""
-    from resim.supervisor.audit import noted_command
+    from resim.results.audit import noted_command
 
     with noted_command("/users/add", [("name", name), ("role", role.value)]):
         token = _users().add(name, role.value)
@@ -65,7 +65,7 @@ def list_() -> None:
 @command(users)
 def rm(name: Name) -> None:
     """Remove a user: the token, and all browsers that came in by it, are let in no more."""
-    from resim.supervisor.audit import noted_command
+    from resim.results.audit import noted_command
 
     with noted_command("/users/rm", [("name", name)]):
         _users().remove(name)

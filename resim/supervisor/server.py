@@ -19,11 +19,11 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from resim.core.errors import InputError
+from resim.results.audit import AUDIT
 from resim.results.catalog import Catalog
 from resim.results.scanning import add_roots
 from resim.supervisor.access import Access, kept_key
 from resim.supervisor.app import make_app
-from resim.supervisor.audit import AUDIT
 from resim.supervisor.forms import JobForm
 from resim.supervisor.guard import Door
 from resim.supervisor.parts import Supervisor, SupervisorSettings
