@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from resim.results.queue import QueuedTask
 
 tasks = typer.Typer(
-    help="Tasks of the Supervisor (`resim serve`): list them, and cancel, pause, repeat or reorder them.",
+    help="Tasks of the Supervisor (`resim serve`): list, cancel, pause, repeat or reorder them, and see their logs.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -39,6 +39,18 @@ def list_(
         say(_line(one))
     if not found:
         say("no tasks; `resim serve` starts them")
+
+
+@command(tasks)
+def log(task: Task) -> None:
+    """Print the log of a task, as far as it is written."""
+    from resim.jobs.lake import the_catalog
+    from resim.jobs.tasks import read_task_log
+
+    text = read_task_log(the_catalog(), task)
+    add_to_json(log=text)
+    for line in text.splitlines():
+        say(visible(line))
 
 
 @command(tasks)
@@ -86,10 +98,15 @@ def later(task: Task) -> None:
 def _steer(task: str, act: str, too_late: str) -> None:
     from resim.jobs.lake import the_catalog
     from resim.jobs.tasks import steer_task
+    from resim.results.audit import noted_command
+    from resim.results.queue import TaskQueue
 
-    found, done = steer_task(the_catalog(), task, act)
-    if not done:
-        raise InputError(task, f"{too_late}: it is {found.state}", "`resim tasks list` shows all.")
+    catalog = the_catalog()
+    name = TaskQueue(catalog).find(task)
+    with noted_command(f"/tasks/{name}/{act}"):
+        found, done = steer_task(catalog, name, act)
+        if not done:
+            raise InputError(task, f"{too_late}: it is {found.state}", "`resim tasks list` shows all.")
     add_to_json(**_told(found))
     say(_line(found))
 

@@ -43,7 +43,10 @@ def add(
     ] = RoleChoice.look,
 ) -> None:
     """Add a user, and print the token, once: it is kept nowhere. Who may run may run code on this machine."""
-    token = _users().add(name, role.value)
+    from resim.results.audit import noted_command
+
+    with noted_command("/users/add", [("name", name), ("role", role.value)]):
+        token = _users().add(name, role.value)
     add_to_json(name=name, role=role.value, token=token)
     say(token)
 
@@ -62,7 +65,10 @@ def list_() -> None:
 @command(users)
 def rm(name: Name) -> None:
     """Remove a user: the token, and all browsers that came in by it, are let in no more."""
-    _users().remove(name)
+    from resim.results.audit import noted_command
+
+    with noted_command("/users/rm", [("name", name)]):
+        _users().remove(name)
     say(f"{name}: removed")
 
 

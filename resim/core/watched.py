@@ -7,6 +7,8 @@ LIVE_VARIABLE = "RESIM_LIVE"
 """Environment variable with the path of the file into which a simulation writes its latest state."""
 PROGRESS = "progress.json"
 """File beside that one in which stands how far the command is."""
+LOG = "log.txt"
+"""File beside these in which stands what the command says."""
 
 
 def progress_file() -> Path | None:

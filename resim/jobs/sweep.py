@@ -260,10 +260,16 @@ def report_sweep(folder: str | Path, page: str | Path | None = None) -> SweepRep
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError("--out", f"{str(path)!r} is not a page", "Name an .html file.")
     with whole_file(path.with_suffix(".json"), SWEEP_REPORT) as data, whole_file(path) as drawn:
-        found = in_child(_analysed, (path_of(folder), relative(path_of(folder), Path.cwd())))
+        found = in_child(_analysed, (path_of(folder), _as_called(path_of(folder))))
         write_sweep_page(found, drawn)
         write_json(to_json(found), data)
     return found
+
+
+def _as_called(folder: Path) -> str:
+    """A folder as commands name it: from here where it is below, else whole, as nobody knows where `..` began."""
+    here = folder.absolute().is_relative_to(Path.cwd())
+    return relative(folder, Path.cwd()) if here else str(folder.absolute())
 
 
 def _analysed(results: tuple[Path, str]) -> SweepReport:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from resim.core.errors import InputError
+from resim.core.files import read_file
+from resim.core.watched import LOG
 from resim.results.catalog import Catalog
 from resim.results.queue import QueuedTask, TaskQueue
 
@@ -67,6 +70,25 @@ def list_tasks(catalog: Catalog, *, ended: int = 20) -> list[QueuedTask]:
     """
     queue = TaskQueue(catalog)
     return [*queue.unfinished(), *queue.ended(0, ended)]
+
+
+def read_task_log(catalog: Catalog, wanted: str) -> str:
+    """Give what stands in the log of a task.
+
+    Args:
+        catalog: In whose database the queue is.
+        wanted: Its id, or the first four or more digits of it.
+
+    Returns:
+        The log, as far as it is written.
+
+    Raises:
+        InputError: There is no such task, it has no log on this machine, or the database cannot be used.
+    """
+    queue = TaskQueue(catalog)
+    task = queue.get(queue.find(wanted))
+    remedy = f"It is {task.state}, and done on {task.host}."
+    return read_file(Path(task.folder) / LOG, remedy).decode(errors="replace")
 
 
 def steer_task(catalog: Catalog, wanted: str, act: str) -> tuple[QueuedTask, bool]:

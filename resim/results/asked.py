@@ -15,9 +15,12 @@ from resim.core.sealed import read_sealed, sealed
 from resim.results.entry import KINDS, CatalogEntry, ItemKind, digest, kind_of
 
 FILE = "asked.json"
+AGAIN = "again"
+"""Folder, below where the command is called, into which results are made again."""
 MOST_PATHS = 200
 """Files of a command line that is offered; that of more is of no use to a person."""
 _REMEDY = "Make the results again."
+SWEEP_RUN = ("sweep", "repeat")
 _ROLES: dict[ItemKind, tuple[str, ...]] = {
     "run": ("recording", "build", "criteria", "perception"), "verification": ("suite", "build", "against"),
     "assessment": ("criteria",), "mining": ("recording",),
@@ -40,7 +43,7 @@ class AskedValue:
 
 @dataclass(frozen=True)
 class AskedResults:
-    """A command line without what changes no result. command: its words after `resim`."""
+    """A command line without what changes no result, such as where it goes. command: its words after `resim`."""
 
     command: tuple[str, ...]
     values: tuple[AskedValue, ...]
@@ -81,6 +84,8 @@ def read_asked(entry: CatalogEntry) -> AskedResults | None:
         command = tuple(str(word) for word in told["command"])
     except (InputError, OSError, KeyError, TypeError):
         return None
+    if command == SWEEP_RUN:  # the sweep, whose content is told, says of what
+        return AskedResults(command, values)
     asked = {v.hash for v in values}
     stated = {i.hash for i in entry.inputs if i.role in _ROLES.get(entry.kind, ()) and i.hash}
     return AskedResults(command, values) if stated <= asked else None
@@ -106,7 +111,7 @@ def words_of(asked: AskedResults, find: Callable[[str], str | None]) -> list[str
             options += [word for word in (value.option, text) if word]
         else:
             arguments.append(text)
-    return ["resim", *asked.command, *arguments, *options]
+    return ["resim", *asked.command, *arguments, *options, "--out", AGAIN]
 
 
 def _is_at(value: AskedValue) -> bool:

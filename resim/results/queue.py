@@ -6,6 +6,7 @@ is a call of the command line, and is done on the machine on which it was put in
 
 from __future__ import annotations
 
+import json
 import platform
 import secrets
 import time
@@ -14,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Row, func, insert, select, update
+from sqlalchemy import Connection, Row, String, cast, func, insert, select, update
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
@@ -135,6 +136,13 @@ class TaskQueue:
         states = [s for s in ENDED if not (bad and s in ("done", "cancelled"))]
         found = select(TASK).where(TASK.c.state.in_(states)).order_by(TASK.c.ended.desc(), TASK.c.id)
         return self._tasks(found.offset(first).limit(most))
+
+    def done_with(self, path: str, most: int) -> list[QueuedTask]:
+        """Give those that were given a path and ended with 0, the latest first."""
+        whole = json.dumps(path)  # as it stands among the words
+        is_given = cast(TASK.c.words, String).contains(whole, autoescape=True)
+        found = select(TASK).where(TASK.c.state == "done", is_given).order_by(TASK.c.ended.desc(), TASK.c.id)
+        return self._tasks(found.limit(most))
 
     def counts(self) -> dict[str, int]:
         """Give how many tasks are in which state."""

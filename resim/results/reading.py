@@ -227,11 +227,13 @@ def _mining(folder: Path) -> _FolderContents:
 def _space(folder: Path) -> _FolderContents:
     told = _sealed(folder / "space.json")
     inputs = [
-        CatalogInput("mining", source["name"], os.path.normpath(folder / source["folder"]))
+        CatalogInput("mining", source["name"], os.path.normpath(folder / source["folder"]), source["mined"])
         for source in told["sources"]
     ]
     for source in told["sources"]:
-        inputs += [CatalogInput("recording", "", hash=content) for content in source["recordings"]]
+        inputs += [
+            CatalogInput("recording", name, hash=content) for name, content in source["contents"].items()
+        ]
     counts = {"clusters": sum(len(bucket["clusters"]) for bucket in told["buckets"])}
     return _FolderContents(folder.name, told["versions"], "", counts, tuple(inputs), ())
 

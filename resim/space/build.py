@@ -300,12 +300,13 @@ def _free(name: str, taken: set[str]) -> str:
 def _entry(source: MinedSource, name: str, batch: int) -> SourceEntry:
     rows = source.rows
     return SourceEntry(
-        name, str(source.folder.resolve()), source.hash, batch, source.egos, source.trigger, source.rules,
+        name, str(source.folder.resolve()), source.hash, source.mined, batch, source.egos, source.trigger, source.rules,
         sum(one.hours for one in source.recordings), sum(one.kilometres for one in source.recordings), len(rows),
         int(rows["occasion"].nunique()), len(source.left_out),
         float((rows["build"] != "").mean()) if len(rows) else math.nan,
         {one.name: one.tracks for one in source.recordings if one.tracks},
-        {one.name: one.traffic for one in source.recordings if one.traffic}, source.failed, _accidents(source),
+        {one.name: one.traffic for one in source.recordings if one.traffic},
+        {one.name: one.content for one in source.recordings if one.content}, source.failed, _accidents(source),
         _driven_by(source),
     )  # fmt: skip
 

@@ -21,6 +21,7 @@ class SourceEntry:
         name: Of the folder, with a number where it is a duplicate.
         folder: Where it was read; in space.json seen from the space's folder.
         hash: Of its tables.
+        mined: SHA-256 of its mined.json, by which the lake knows it.
         batch: 0 for those that the space was built from, then 1, 2, ... with each `resim space grow`.
         egos: `every` vehicle once, or each recording's `own` EGO.
         trigger: What its scenarios were cut out for.
@@ -33,6 +34,7 @@ class SourceEntry:
         build_share: Share of its scenarios whose EGO a build drove.
         recordings: Hash of GT, EGO and map of each of its recordings, by name: copies under other names are one.
         traffic: Hash of who was where in each of its recordings, by name: copies of other bytes are one.
+        contents: Hash of all that each of its recordings is, by name, by which the lake knows it.
         failed: Recordings that could not be mined: what happened in them is not known.
         accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
         driven_by: By hash of the build, h that its test drives lasted; "" for all others.
@@ -41,6 +43,7 @@ class SourceEntry:
     name: str
     folder: str
     hash: str
+    mined: str
     batch: int
     egos: str
     trigger: tuple[str, ...]
@@ -53,6 +56,7 @@ class SourceEntry:
     build_share: NumberOrNan
     recordings: Mapping[str, str]
     traffic: Mapping[str, str]
+    contents: Mapping[str, str]
     failed: tuple[str, ...]
     accidents: Mapping[str, int]
     driven_by: Mapping[str, NumberOrNan]

@@ -44,6 +44,7 @@ class DrivenRecording:
         traffic: Hash of who was where, and of the EGO where it alone counts, which copies of other bytes share.
         accidents: Collisions of its own EGO, and ends of a function's drive before its time, that are in no scenario; 1
             where nobody says that it did not collide.
+        content: Hash of all that it is, by which the lake knows it.
     """
 
     name: str
@@ -55,6 +56,7 @@ class DrivenRecording:
     tracks: str = ""
     traffic: str = ""
     accidents: int = 0
+    content: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,7 @@ class MinedSource:
         traces: Their slots, in the same order.
         left_out: Scenarios without a scene with their EGO.
         failed: Recordings that could not be mined.
+        mined: Hash of its report, by which the lake knows it.
     """
 
     name: str
@@ -86,6 +89,7 @@ class MinedSource:
     failed: tuple[str, ...] = ()
     trigger: tuple[str, ...] = ()
     rules: str = ""
+    mined: str = ""
 
 
 ROWS = (
@@ -143,6 +147,7 @@ def read_mined(folder: Path) -> MinedSource:
         failed,
         tuple(trigger),
         rules,
+        file_hash(folder / MARK),
     )
 
 
@@ -156,7 +161,7 @@ def _driven(part: Mapping[str, Any], egos: str) -> DrivenRecording:
         str(part["recording"]), math.nan if hours is None else float(hours),
         math.nan if way is None else float(way), part.get("map") or "", part.get("ego") or "",
         part.get("build_hash") or (UNKNOWN_BUILD if part.get("build") else ""), str(part["tracks"]),
-        f"{part['traffic']} {part.get('ego') if own else ''}",
+        f"{part['traffic']} {part.get('ego') if own else ''}", content=str(part["content"]),
     )  # fmt: skip
 
 

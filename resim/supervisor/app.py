@@ -32,6 +32,7 @@ from starlette.types import ASGIApp
 
 from resim import __version__
 from resim.core.errors import InputError, ResimError
+from resim.core.watched import LOG
 from resim.results.tones import tone
 from resim.supervisor import actions, words
 from resim.supervisor.events import stream
@@ -41,7 +42,6 @@ from resim.supervisor.limits import StreamLimit
 from resim.supervisor.live import roads_around
 from resim.supervisor.packing import packed_chain
 from resim.supervisor.parts import Supervisor
-from resim.supervisor.runner import LOG
 from resim.supervisor.views import KEPT, PAGES
 from resim.supervisor.views.common import MissingError, document_of, task_of
 

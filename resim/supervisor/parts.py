@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from resim.core.errors import InputError
+from resim.results.audit import AuditTrail
 from resim.results.catalog import Catalog
 from resim.results.entry import KINDS, ItemKind
 from resim.results.lake import LakeItem, LakeQuery, find_page, items_with
@@ -18,7 +19,6 @@ from resim.results.overview import CatalogOverview
 from resim.results.queue import QueuedTask, TaskQueue
 from resim.results.scanning import roots_of
 from resim.supervisor.access import Access
-from resim.supervisor.audit import AuditTrail
 from resim.supervisor.events import Changes
 from resim.supervisor.experiments import Experiments
 from resim.supervisor.files import file_id, loose_files

@@ -16,10 +16,10 @@ import sys
 import time
 from pathlib import Path
 
-from resim.core.watched import LIVE_VARIABLE, PROGRESS
+from resim.core.watched import LIVE_VARIABLE, LOG, PROGRESS
 from resim.supervisor.processes import process_name, read_whole, write_whole
 
-LOG, TASK_FILE, BEGUN, EXIT, LOCK = "log.txt", "task.json", "begun.json", "exit.json", "lock"
+TASK_FILE, BEGUN, EXIT, LOCK = "task.json", "begun.json", "exit.json", "lock"
 LIVE = "live.json"
 """What the latest simulation of the command does now, while it runs (`resim.simulation.live`)."""
 OWN_FILES = frozenset({LOG, TASK_FILE, BEGUN, EXIT, LOCK, LIVE, PROGRESS})

@@ -19,6 +19,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from resim.core.errors import InputError
+from resim.results.audit import AUDIT
 from resim.results.catalog import Catalog
 from resim.results.scanning import add_roots
 from resim.supervisor.access import Access, kept_key
@@ -125,7 +126,7 @@ def serve(
         )
         tasks = Path(os.path.realpath(options.tasks))
         tasks.mkdir(parents=True, exist_ok=True)
-        audit = data / "audit.jsonl"
+        audit = data / AUDIT
         parts = SupervisorSettings(catalog, forms, tasks, access, door, audit, options.jobs, options.note)
         supervisor = Supervisor(parts)
         add_roots(catalog, options.folders)  # a catalog that cannot be used is told of now

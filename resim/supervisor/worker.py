@@ -13,9 +13,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from resim.core.errors import ResimError
+from resim.core.watched import LOG
 from resim.results.queue import QueuedTask, TaskQueue, TaskState
 from resim.supervisor.processes import is_alive, number_of, opened, process_name, read_whole, write_whole
-from resim.supervisor.runner import BEGUN, EXIT, LOG, PATIENCE, TASK_FILE
+from resim.supervisor.runner import BEGUN, EXIT, PATIENCE, TASK_FILE
 
 LOOK = 0.3
 """s between two looks."""

@@ -289,7 +289,7 @@ def _worst(rows: pd.DataFrame, parameters: Sequence[SweepParameter], place: str)
     for k in np.lexsort(keys)[:WORST].tolist():
         row = rows.iloc[k]
         run = int(row["run"])
-        again = f"{place}-run-{run}" if place.strip("./") else f"run-{run}"
+        again = f"run-{run}" if place.startswith("/") or not place.strip("./") else f"{place}-run-{run}"
         out.append(WorstRun(
             run=run, point=int(row["point"]), seed=int(row["seed"]),
             parameters={p.name: number(float(row[p.name])) for p in parameters},

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import pwd
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ import pytest
 from conftest import Call
 
 from resim.results.catalog import Catalog
+from resim.results.database import data_folder
 from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
 from resim.results.queue import TaskQueue
 
@@ -18,6 +21,7 @@ from resim.results.queue import TaskQueue
 @pytest.fixture
 def catalog(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Catalog:
     monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / "catalog.sqlite"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     return Catalog(str(tmp_path / "catalog.sqlite"))
 
 
@@ -49,6 +53,40 @@ def test_tasks_are_listed_and_steered(catalog: Catalog, call: Call) -> None:
     ):  # fmt: skip
         code, _, err = call("tasks", *words)
         assert (code, why in " ".join(err.split())) == (2, True), (words, err)
+
+
+def test_the_log_of_a_task_is_printed(catalog: Catalog, call: Call, tmp_path: Path) -> None:
+    name = "aaaa0000aaaa0000"
+    TaskQueue(catalog).add(name, "check", ("check",), str(tmp_path))
+    code, _, err = call("tasks", "log", "aaaa")
+    assert (code, "It is waiting, and done on" in " ".join(err.split())) == (2, True)
+    (tmp_path / "log.txt").write_bytes(b"$ resim check\n\xff\x1b[2Jdone\n")
+    code, out, _ = call("tasks", "log", "aaaa")
+    assert (code, out.splitlines()[0], "\x1b" in out) == (0, "$ resim check", False)
+
+
+def test_who_steers_in_the_terminal_is_in_the_trail(
+    catalog: Catalog, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "aaaa0000aaaa0000"
+    TaskQueue(catalog).add(name, "check", ("check",), f"/tasks/{name}")
+    monkeypatch.setenv("LOGNAME", "somebody")
+    assert [call("tasks", act, "aaaa")[0] for act in ("pause", "retry")] == [0, 2]
+    assert call("users", "add", "anna", "--role", "run")[0] == 0
+    trail = data_folder() / "audit.jsonl"
+    lines = [json.loads(line) for line in trail.read_text().splitlines()]
+    assert {(line["user"], line["client"]) for line in lines} == {
+        (pwd.getpwuid(os.getuid()).pw_name, "terminal")
+    }
+    assert [(line["action"], line["outcome"].split(":")[0]) for line in lines] == [
+        (f"/tasks/{name}/pause", "asked"), (f"/tasks/{name}/pause", "done"), (f"/tasks/{name}/retry", "asked"),
+        (f"/tasks/{name}/retry", "refused"), ("/users/add", "asked"), ("/users/add", "done"),
+    ]  # fmt: skip
+    trail.unlink()
+    trail.mkdir()  # what cannot be noted is not done
+    code, _, err = call("tasks", "resume", "aaaa")
+    assert (code, "cannot be written" in " ".join(err.split())) == (2, True)
+    assert TaskQueue(catalog).get(name).state == "paused"
 
 
 def test_builds_are_compared_under_equal_circumstances(catalog: Catalog, call: Call) -> None:

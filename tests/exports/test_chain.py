@@ -67,7 +67,7 @@ def test_a_chain_holds_what_the_result_was_made_of_and_says_how(lake: Path, tmp_
         "resim run scenarios/cut_in_brake --build adfunc/builds/highway_pilot-1.0.toml"
         in action["description"]
     )
-    assert action["description"].endswith("--seeds 2")
+    assert action["description"].endswith("--seeds 2 --out again")
     told = {found[one["@id"]]["name"]: found[one["@id"]].get("value") for one in action["object"]}
     assert (told["seed"], told["engine"]) == ("0", links.origin.settings["engine"])
     assert links.origin.versions["code"] in found[action["instrument"]["@id"]]["softwareVersion"]

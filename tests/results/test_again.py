@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import shutil
 from pathlib import Path
@@ -13,7 +14,7 @@ from calling import called
 from resim.cli.offered import OFFERED
 from resim.cli.parameters import WITHOUT_EFFECT, option_of
 from resim.jobs.lake import again
-from resim.results.asked import FILE, read_asked
+from resim.results.asked import AGAIN, FILE, AskedResults, AskedValue, read_asked, write_asked
 from resim.results.entry import digest
 from resim.results.reading import read_entry
 
@@ -45,10 +46,12 @@ def repeated(folder: Path, *words: object) -> list[str]:
     """Make results, and make them again as they say; gives the words, of which the result must be the same."""
     kind = read_entry(folder / "one").kind if called(*words, "--out", folder / "one") in (0, 1, 3) else "run"
     told = command(folder / "one")
-    assert called(*told[1:], "--out", folder / "other") in (0, 1, 3)
-    assert digest(folder / "one", kind) == digest(folder / "other", kind), told
-    assert command(folder / "other") == told
-    return told
+    with contextlib.chdir(folder):  # as it stands there
+        assert called(*told[1:]) in (0, 1, 3)
+    assert told[-2:] == ["--out", AGAIN]
+    assert digest(folder / "one", kind) == digest(folder / AGAIN, kind), told
+    assert command(folder / AGAIN) == told
+    return told[:-2]
 
 
 def test_a_run_is_made_again_with_all_that_was_said(tmp_path: Path) -> None:
@@ -85,7 +88,7 @@ def test_an_assessment_mining_and_a_space_are_made_again(tmp_path: Path, made: P
     assert told[1:3] == ["space", "build"]
 
 
-def test_a_verification_and_a_sweep_are_made_again(made: Path, tmp_path: Path) -> None:
+def test_a_verification_is_made_again(tmp_path: Path) -> None:
     suite = tmp_path / "one.toml"
     suite.write_text(
         f'name = "one"\ncriteria = "{CRITERIA}"\nreports = 0\nagreement = 0.5\n[[recording]]\nfolder = "{DRIVE}"\n'
@@ -94,7 +97,28 @@ def test_a_verification_and_a_sweep_are_made_again(made: Path, tmp_path: Path) -
                     "--seeds", 6, "--driven-by", "unknown", "--vary", "speed", "--workers", 1)  # fmt: skip
     assert told[5:] == ["--perception", str(LATENCY), "--set", "latency.speed=0.1", "--seeds", "6", "--vary", "speed",
                         "--driven-by", "unknown"]  # fmt: skip
-    assert command(made / "sweep")[1:] == ["sweep", "run", str(made / "late.toml")]
+
+
+def test_a_sweep_and_a_space_that_grew_are_made_again(made: Path, tmp_path: Path) -> None:
+    (tmp_path / "sweep").mkdir()
+    assert repeated(tmp_path / "sweep", "sweep", "run", made / "late.toml")[1:3] == ["sweep", "run"]
+    assert called("space", "build", made / "mining", "--out", tmp_path / "space") == 0
+    assert (
+        called(
+            "mine", ROOT / "scenarios" / "overtake", "--scenarios", "recordings", "--out", tmp_path / "mined"
+        )
+        == 0
+    )
+    (tmp_path / "grown").mkdir()
+    told = repeated(tmp_path / "grown", "space", "grow", tmp_path / "space", tmp_path / "mined")
+    assert told[1:] == ["space", "grow", str(tmp_path / "space"), str(tmp_path / "mined")]
+
+
+def test_a_run_of_a_sweep_is_said_to_be_made_of_the_sweep(made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made / "run", tmp_path / "one")
+    swept = AskedValue("", str(made / "sweep"), digest(made / "sweep", "sweep"))
+    write_asked(AskedResults(("sweep", "repeat"), (swept, AskedValue("", "0"))), tmp_path / "one")
+    assert command(tmp_path / "one")[1:] == ["sweep", "repeat", str(made / "sweep"), "0", "--out", AGAIN]
 
 
 def test_results_that_others_wrote_over_are_not_said_to_be_made_so(tmp_path: Path, made: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import platform
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from calling import called
 from resealed import edit
 from swept import state_hashes
 
@@ -18,8 +20,10 @@ from resim.core.errors import InputError
 from resim.core.files import file_hash
 from resim.recordings.content import content_hash
 from resim.results import write_parquet
+from resim.results.catalog import Catalog
 from resim.results.circumstances import FACET, read_circumstances
 from resim.results.entry import CatalogEntry, CatalogInput
+from resim.results.lake import ITEM_KINDS
 from resim.results.reading import VERDICTS, read_entry
 
 ROOT = Path(__file__).parents[2]
@@ -48,6 +52,23 @@ def test_a_run_is_told_by_its_sources(made: Path) -> None:
         (made_with,) = (f.name for f in read_entry(made / kind).facts if f.facet == FACET)
         assert f"highway {criteria}" in read_circumstances(made_with)["criteria"]
         assert read_circumstances(made_with)["vehicle"] == "kinematic"
+
+
+def test_a_space_follows_from_what_was_mined_and_its_recordings(made: Path, tmp_path: Path) -> None:
+    assert called("space", "build", made / "mining", "--out", tmp_path / "space") == 0
+    found = hashes(read_entry(tmp_path / "space").inputs)
+    assert found == {"mining": read_entry(made / "mining").digest, "recording": content_hash(DRIVE)}
+
+
+def test_a_path_names_a_space_and_not_its_clusters(tmp_path: Path) -> None:
+    now = "2026-11-01T05:00:00+00:00"
+    space = CatalogEntry("space", "space", tmp_path / "space", "here", now, "ab" * 32, "0.1.0", "")
+    lake = Catalog(str(tmp_path / "catalog.sqlite"))
+    lake.add(
+        space,
+        *(dataclasses.replace(space, kind="cluster", name=str(k), digest=f"{k:064x}") for k in range(20)),
+    )
+    assert lake.get(str(space.folder), ITEM_KINDS).kind == "space"
 
 
 def test_an_assessment_without_criteria_is_not_judged(made: Path) -> None:

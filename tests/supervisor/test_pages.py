@@ -132,6 +132,25 @@ def test_one_click_leads_from_a_result_to_all_it_came_from_and_back(
     assert user.get("/lake/nothing").status_code == 404
 
 
+def test_a_sweep_leads_to_the_page_that_a_task_wrote_of_it(
+    supervisor: Any, user: Any, known: Catalog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "swept_ä%").mkdir()
+    monkeypatch.setattr("resim.results.entry.digest", lambda folder, kind: f"{1:064x}")  # its folder holds it
+    sweep = entry("drives_ä%", kind="sweep", folder=tmp_path / "swept_ä%", host=supervisor.queue.host)
+    known.add(sweep)
+    assert f'href="/jobs/sweep-report?folder={sweep.id}"' in user.get(f"/results/{sweep.id}").text
+    for k, folder in enumerate((sweep.folder, tmp_path / "swept_äx")):
+        name = f"{k}" * 16
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "late.html").touch()
+        words = ("sweep", "report", f"--out={tmp_path / name / 'late.html'}", "--", str(folder))
+        supervisor.queue.add(name, "sweep-report", words, str(tmp_path / name))
+        assert supervisor.queue.end(supervisor.queue.claim("me"), "done", code=0)
+    page = user.get(f"/results/{sweep.id}").text
+    assert re.findall(r'href="/open/tasks/(\w+)/late.html"', page) == ["0" * 16]
+
+
 def test_results_are_listed_filtered_and_paged(user: Any, known: Catalog) -> None:
     for day in range(1, 29):
         for k in range(2):

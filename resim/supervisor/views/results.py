@@ -13,6 +13,7 @@ from resim.results.lake import (
     LakeQuery,
     find_page,
 )
+from resim.results.queue import QueuedTask
 from resim.results.reading import VERDICTS
 from resim.results.scanning import is_utf8
 from resim.supervisor import documents
@@ -34,6 +35,9 @@ from resim.supervisor.views.common import (
     starts_with,
     text_of,
 )
+
+MOST_PAGES = 20
+"""Tasks whose pages the page of a result leads to."""
 
 
 def results(supervisor: Supervisor, request: Request) -> Told:
@@ -60,6 +64,7 @@ def result(supervisor: Supervisor, request: Request) -> Told:
     held = supervisor.catalog.of_folder(entry.folder) if state == "changed" else []
     return "result.html", {
         "one": entry, "state": state, "pages": [p for p in pages if "/" not in p],
+        "written": _pages_of_tasks(supervisor, entry.folder),
         "below": [p for p in pages if "/" in p], "data": _data(entry.folder) if there else [],
         "links": links, "outcomes": entry.outcomes[:MOST_OUTCOMES],
         "maker": maker_of(supervisor, entry.folder), "command": linked.command, "origin": linked.origin,
@@ -71,6 +76,12 @@ def result(supervisor: Supervisor, request: Request) -> Told:
         "drives": {i.name: links[k] for k, i in enumerate(entry.inputs) if i.role == "recording" and k in links},
         "coverage": coverage_of(entry) if entry.kind == "space" and there else None,
     }  # fmt: skip
+
+
+def _pages_of_tasks(supervisor: Supervisor, folder: Path) -> list[tuple[QueuedTask, str]]:
+    """The newest pages that tasks wrote of a result, such as that of a sweep, right in their folders."""
+    every = supervisor.queue.done_with(str(folder), MOST_PAGES)
+    return [(one, p) for one in every for p in documents.pages(Path(one.folder)) if "/" not in p]
 
 
 def _data(folder: Path) -> list[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from starlette.requests import Request
 
+from resim.core.watched import LOG
 from resim.results.entry import KINDS
 from resim.results.lake import LakeItem, items_below
 from resim.results.queue import ENDED, QueuedTask
@@ -14,7 +15,7 @@ from resim.supervisor import documents
 from resim.supervisor.events import read_log
 from resim.supervisor.growth import task_progress
 from resim.supervisor.parts import Supervisor
-from resim.supervisor.runner import LOG, OWN_FILES
+from resim.supervisor.runner import OWN_FILES
 from resim.supervisor.views.common import (
     EACH,
     Told,

@@ -1,15 +1,24 @@
-"""What was done by whom: a line for each form that was sent, in a file that is only appended to."""
+"""What was done by whom: a line for each form that was sent, and for each command that steers tasks or users, in a file
+that is only appended to."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import pwd
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from resim.core.errors import InputError, ResimError
+from resim.results.database import data_folder
+
+AUDIT = "audit.jsonl"
+TERMINAL = "terminal"
+"""As where a line says that it came from: the user is one of the system, not of the Supervisor."""
 MOST_FORM = 1_000
 """Letters of a form that a line tells of: nobody pushes others' lines out of sight by large ones."""
 MOST_TOLD = 300
@@ -29,14 +38,14 @@ class AuditTrail:
     ) -> None:
         """Append a line: when, who, which session (a digest of it), from where, what was sent, what came of it.
 
-        user: "" for who came by an address that the server printed.
+        user: "" for who came by an address that the server printed. session: "" for a command.
 
         Raises OSError where it cannot be written: what leaves no trace is not done.
         """
         line = {
             "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
             "user": user,
-            "session": hashlib.sha256(session.encode()).hexdigest()[:16],
+            "session": hashlib.sha256(session.encode()).hexdigest()[:16] if session else "",
             "client": client,
             "action": action,
             "form": _told(form),
@@ -79,6 +88,37 @@ class AuditTrail:
                     yield rest
         except OSError:
             return
+
+
+@contextmanager
+def noted_command(action: str, form: Sequence[tuple[str, str]] = ()) -> Iterator[None]:
+    """Note what a command does, by the name that its user has on this machine, before and after.
+
+    action: the address to which a page would send it. Raises InputError where it cannot be noted: it is not done then.
+    """
+    trail, user = AuditTrail(data_folder() / AUDIT), _system_user()
+
+    def note(outcome: str) -> None:
+        try:
+            trail.path.parent.mkdir(parents=True, exist_ok=True)
+            trail.note(user, "", TERMINAL, action, form, outcome)
+        except OSError as e:
+            raise InputError(trail.path, f"cannot be written ({e.strerror})") from e
+
+    note("asked")
+    try:
+        yield
+    except ResimError as e:
+        note(f"refused: {e}")
+        raise
+    note("done")
+
+
+def _system_user() -> str:
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name  # not what the environment says
+    except KeyError:  # a number without a name, as in containers
+        return str(os.getuid())
 
 
 def _told(form: Sequence[tuple[str, str]]) -> list[list[str]]:
