@@ -111,20 +111,3 @@ def test_noise_neither_hides_nor_makes_strong_braking(tmp_path, falls: float, fo
         for one in (exact, noisy)
     ]
     assert counts == [found, found]
-
-
-@pytest.mark.parametrize(("ttc", "cuts"), [(1.88, 1), (2.12, 0)])
-def test_noise_neither_hides_nor_makes_a_cut_out(tmp_path, ttc: float, cuts: int) -> None:
-    """Who leaves its lane with a little less or more than 2 s to the leader, as of exact tracks."""
-    network = load(write_motorway(tmp_path / "motorway.xodr"))
-    path = path_of(network, "7", -1, 20.0, 800.0)
-    out = Drive("out", steady(25.0), lambda t: -smooth(t, 2.0, 5.0, 3.5), end=9.0)
-    exact = tracks_of(path, [out, Drive("slow", lambda t: 22.5 + 5.0 * ttc + 20.0 * t, end=9.0)])
-    rng = np.random.default_rng(2)
-    for _ in range(8):
-        x, y, v = (getattr(exact, name) + rng.normal(0.0, 0.05, exact.x.shape) for name in "xyv")
-        noisy = Tracks(t=exact.t, ids=exact.ids, kind=exact.kind, x=x, y=y, heading=exact.heading, v=v,
-                       length=exact.length, width=exact.width, valid=exact.valid)  # fmt: skip
-        for tracks in (exact, noisy):
-            found = find_maneuvers(features(tracks, network))
-            assert sum(m.label.startswith("cut_out") for m in found) == cuts

@@ -3,7 +3,7 @@
 Readings taken: the one who changes lane is labelled; cut-in from the crossing to Kaefer's end, against the follower on
 the lane that it is on at that sample; cut-out from Kaefer's start to the sample before the crossing, against its
 leader; of doubles the first crossing counts. TTC is distance by closing speed (printed upside down); who does not close
-in has none; one sample strictly below is enough, noise apart.
+in has none; one sample strictly below is enough.
 """
 
 from __future__ import annotations
@@ -12,17 +12,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from resim.core.geometry import Bools, Floats
+from resim.core.geometry import Floats
 from resim.mining.features import Features
 from resim.mining.labels.lane_change import LEFT, OPEN, LaneChangeLabel
 from resim.mining.lane_map import Rows
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
-from resim.mining.runs import changes
 from resim.mining.settings import MiningSettings
-from resim.mining.smoothing import below
-
-FINE = 0.05
-"""m: deviation to which distances are averaged, less what is closed in by in the time of the limit (our choice)."""
 
 
 def ttc(distance: Floats, v_behind: Floats, v_ahead: Floats) -> Floats:
@@ -36,43 +31,34 @@ def find(
     features: Features, settings: MiningSettings, found: Sequence[LabelledManeuver]
 ) -> Iterator[LabelledManeuver]:
     """Find the cut-ins and cut-outs among lane changes."""
-    found_changes = [one for one in found if isinstance(one, LaneChangeLabel) and one.label != OPEN]
-    if not found_changes:
-        return
     flow, centre = features.flow, settings.cut.distance == "centre"
-    behind = flow.follower, flow.distance_behind if centre else flow.gap_behind
-    ahead = flow.leader, flow.distance if centre else flow.gap
-    below_in = _below(features, settings.cut.ttc, behind, 1.0)
-    below_out = _below(features, settings.cut.ttc, ahead, -1.0)
-    for change in found_changes:
+    for change in found:
+        if not isinstance(change, LaneChangeLabel) or change.label == OPEN:
+            continue
         side = "left" if change.label == LEFT else "right"
-        entered, left = slice(change.at, change.close_after + 1), slice(change.close_before, change.at)
-        yield from _cut(features, change, f"cut_in_{side}", entered, (*behind, below_in))
-        yield from _cut(features, change, f"cut_out_{side}", left, (*ahead, below_out))
-
-
-def _below(features: Features, limit: float, of: tuple[Rows, Floats], way: float) -> Bools:
-    """Say in which samples (K,) the time to collision is below a limit [s], noise apart.
-
-    of: who is behind (way 1) or ahead (way -1), and how far [m].
-    """
-    samples, (other, distance) = features.samples, of
-    closing = way * (samples.v[other] - samples.v)
-    values = np.where(other >= 0, np.maximum(distance, 0.0) - limit * closing, np.inf)
-    run = changes(samples.piece_of, np.where(other >= 0, samples.owner[other], -1))
-    return below(samples.t, values, run, 0.0, FINE)
+        entered = slice(change.at, change.close_after + 1)
+        behind = flow.follower, flow.distance_behind if centre else flow.gap_behind
+        yield from _cut(features, settings, change, f"cut_in_{side}", entered, behind)
+        left = slice(change.close_before, change.at)
+        ahead = flow.leader, flow.distance if centre else flow.gap
+        yield from _cut(features, settings, change, f"cut_out_{side}", left, ahead)
 
 
 def _cut(
-    features: Features, change: LaneChangeLabel, label: str, span: slice, of: tuple[Rows, Floats, Bools]
+    features: Features,
+    settings: MiningSettings,
+    change: LaneChangeLabel,
+    label: str,
+    span: slice,
+    of: tuple[Rows, Floats],
 ) -> Iterator[LabelledManeuver]:
-    """The cut-in or cut-out of a lane change, if it is one; of: who is behind or ahead, how far [m], if below."""
-    other, distance, holds = of[0][span], of[1][span], of[2][span]
+    """The cut-in or cut-out of a lane change, if it is one; of: who is behind or ahead, and how far [m]."""
+    other, distance = of[0][span], of[1][span]
     v, inwards = features.samples.v, label.startswith("cut_in")
     v_other = v[other]
     times = ttc(distance, v_other, v[span]) if inwards else ttc(distance, v[span], v_other)
-    times = np.where(holds, times, np.inf)
-    if not len(times) or not np.isfinite(times.min()):
+    times = np.where(other >= 0, times, np.inf)
+    if not len(times) or not times.min() < settings.cut.ttc:
         return
     worst = int(np.argmin(times))
     figures = {
