@@ -78,7 +78,7 @@ def test_links_lead_both_ways_and_to_the_command_that_makes_it_again(lake: Path,
     links = lake_show(str(lake / "out" / "run"))
     drive, build = ROOT / "scenarios" / "cut_in_brake", ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
     criteria = ROOT / "scenarios" / "criteria" / "highway.toml"
-    assert links.command == f"resim run {drive} --build {build} --criteria {criteria}"
+    assert links.command == f"resim run {drive} --build {build} --criteria {criteria} --out again"
     assert {i.role: [item.folder for item in items] for i, items in links.origins} == {
         "recording": [str(drive)], "build": [str(build)], "criteria": [str(criteria)],
         "map": [str(ROOT / "networks" / "proving_ground.xodr")],
