@@ -119,9 +119,8 @@ class Catalog:
             return like[0]
         path = os.path.normpath(Path(wanted).absolute())
         if of_folder := self._entries(of_kind.where(ITEM.c.folder == path)):
-            of_folder.sort(
-                key=lambda e: e.kind == "cluster"
-            )  # a path names the space, not one of its clusters
+            # a path names the space, not one of its clusters
+            of_folder.sort(key=lambda e: e.kind == "cluster")
             return next((e for e in of_folder if e.state() == "there"), of_folder[0])
         near = self._entries(of_kind.where(ITEM.c.name == wanted).limit(5)) or like[:5]
         told = f"; near: {', '.join(e.id[:SHORT] for e in near)}" if near else ""

@@ -61,13 +61,11 @@ def test_a_space_follows_from_what_was_mined_and_its_recordings(made: Path, tmp_
 
 
 def test_a_path_names_a_space_and_not_its_clusters(tmp_path: Path) -> None:
-    now = "2026-11-01T05:00:00+00:00"
+    now, later = "2026-11-01T05:00:00+00:00", "2026-11-02T05:00:00+00:00"
     space = CatalogEntry("space", "space", tmp_path / "space", "here", now, "ab" * 32, "0.1.0", "")
+    cluster = dataclasses.replace(space, kind="cluster", name="1.1", digest="cd" * 32, written=later)
     lake = Catalog(str(tmp_path / "catalog.sqlite"))
-    lake.add(
-        space,
-        *(dataclasses.replace(space, kind="cluster", name=str(k), digest=f"{k:064x}") for k in range(20)),
-    )
+    lake.add(space, cluster)
     assert lake.get(str(space.folder), ITEM_KINDS).kind == "space"
 
 
