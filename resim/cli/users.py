@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from resim.cli.app import app, command
-from resim.cli.terminal import add_to_json, say
+from resim.cli.terminal import add_to_json, say, visible
 
 if TYPE_CHECKING:
     from resim.supervisor.users import Users
@@ -77,3 +77,25 @@ def _users() -> Users:
     from resim.supervisor.users import USERS, Users
 
     return Users(data_folder() / USERS)
+
+
+@command(users)
+def trail(
+    most: Annotated[int, typer.Option("--most", metavar="N", min=1, help="Lines at most.")] = 50,
+) -> None:
+    """Print who did what, the newest first: forms that were sent, and commands that steered tasks or users."""
+    from resim.results.audit import AUDIT, AuditTrail
+    from resim.results.database import data_folder
+
+    lines = AuditTrail(data_folder() / AUDIT).last(most)
+    add_to_json(trail=lines)
+    for line in lines:
+        form = " ".join(f"{name}={value}" for name, value in line["form"])
+        who = line.get("user") or "owner"
+        say(
+            visible(
+                f"{line['time']}  {who} from {line['client']}  {line['action']}  {form}: {line['outcome']}"
+            )
+        )
+    if not lines:
+        say("nobody did anything yet")

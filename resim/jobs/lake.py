@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import shlex
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,16 @@ from resim.results.backup import back_up, restore
 from resim.results.catalog import Catalog, user_catalog
 from resim.results.database import VARIABLE, data_folder
 from resim.results.entry import KINDS, CatalogEntry, CatalogInput
-from resim.results.lake import ITEM_KINDS, LakeItem, LakeQuery, SortKey, contents_of, find_page, with_content
+from resim.results.lake import (
+    ITEM_KINDS,
+    LakeItem,
+    LakeQuery,
+    SortKey,
+    contents_of,
+    find_page,
+    maps_of,
+    with_content,
+)
 from resim.results.origin import ResultOrigin, read_origin
 from resim.results.scanning import Noted, ScanCounts, register, scan, unregister
 
@@ -190,16 +199,23 @@ def links_of(lake: Catalog, entry: CatalogEntry) -> LakeLinks:
         entry: Something in it.
 
     Returns:
-        It with its links.
+        It with its links; the maps of the recordings that it follows from are among its inputs.
 
     Raises:
         InputError: The database cannot be used.
     """
+    command = shlex.join(again(entry, lambda digest: _place_of(lake, digest)))
     known = with_content(lake, [i.hash for i in entry.inputs])
+    if not any(i.role == "map" for i in entry.inputs):  # then it has those of its recordings
+        drives = [one.id for i in entry.inputs if i.role == "recording" for one in known.get(i.hash, ())[:1]]
+        maps = maps_of(lake, drives)
+        entry, known = (
+            replace(entry, inputs=(*entry.inputs, *maps)),
+            known | with_content(lake, [i.hash for i in maps]),
+        )
     origins = tuple((i, tuple(known.get(i.hash, ()))) for i in entry.inputs)
     after = find_page(lake, LakeQuery(hashes=contents_of(entry)), most=LINKED) if entry.digest else None
     origin = read_origin(entry.folder, entry.kind) if entry.kind in KINDS else ResultOrigin()
-    command = shlex.join(again(entry, lambda digest: _place_of(lake, digest)))
     return LakeLinks(
         entry, origins, after.items if after else (), after.count if after else 0, command, origin
     )  # fmt: skip

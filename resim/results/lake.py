@@ -27,7 +27,7 @@ from sqlalchemy import (
 )
 
 from resim.results.catalog import AT_ONCE, LEAST, Catalog, begins
-from resim.results.entry import REPORT, CatalogEntry, ItemKind
+from resim.results.entry import REPORT, CatalogEntry, CatalogInput, ItemKind
 from resim.results.reading import VERDICTS
 from resim.results.tables import FACT, INPUT, ITEM, OUTCOME, WORD
 from resim.results.words import words_of
@@ -205,6 +205,21 @@ def items_with(catalog: Catalog, ids: Sequence[str]) -> list[LakeItem]:
     """Give what has these ids, in this order; those that there are."""
     with catalog.connected() as connection:
         return items_of(connection, ids)
+
+
+def maps_of(catalog: Catalog, ids: Sequence[str]) -> list[CatalogInput]:
+    """Give the maps that things with these ids follow from, each once, by path."""
+    wanted = (
+        select(INPUT.c.role, INPUT.c.name, INPUT.c.path, INPUT.c.hash).where(INPUT.c.role == "map").distinct()
+    )
+    found: set[CatalogInput] = set()
+    with catalog.connected() as connection:
+        for k in range(0, len(ids), AT_ONCE):
+            rows = connection.execute(wanted.where(INPUT.c.item.in_(ids[k : k + AT_ONCE])))
+            found |= {
+                CatalogInput(role=row.role, name=row.name, path=row.path, hash=row.hash) for row in rows
+            }
+    return sorted(found, key=lambda one: (one.path, one.name, one.hash))
 
 
 def items_below(catalog: Catalog, folder: str, most: int) -> list[LakeItem]:

@@ -82,7 +82,11 @@ def test_who_steers_in_the_terminal_is_in_the_trail(
         (f"/tasks/{name}/pause", "asked"), (f"/tasks/{name}/pause", "done"), (f"/tasks/{name}/retry", "asked"),
         (f"/tasks/{name}/retry", "refused"), ("/users/add", "asked"), ("/users/add", "done"),
     ]  # fmt: skip
+    code, out, _ = call("users", "trail", "--most", 2)
+    told = out.splitlines()
+    assert (code, len(told), "/users/add  name=anna role=run: done" in told[0]) == (0, 2, True)
     trail.unlink()
+    assert call("users", "trail")[1].strip() == "nobody did anything yet"
     trail.mkdir()  # what cannot be noted is not done
     code, _, err = call("tasks", "resume", "aaaa")
     assert (code, "cannot be written" in " ".join(err.split())) == (2, True)

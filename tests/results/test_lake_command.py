@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 from conftest import Call
 
 from resim.core.errors import InputError
-from resim.jobs.lake import lake_find, lake_show
+from resim.jobs.lake import lake_find, lake_show, the_catalog
 
 ROOT = Path(__file__).parents[2]
 
@@ -105,6 +106,19 @@ def test_an_assessment_leads_to_its_run_and_back(lake: Path, made: Path, call: C
     assert links.entry.id in {item.id for item in run.followers}
     assert run.origin.settings["seed"] == "0"
     assert run.origin.versions["resim"]
+
+
+def test_what_names_no_map_leads_to_those_of_its_recordings(lake: Path, call: Call) -> None:
+    (lake / "out" / "mined").mkdir()
+    entry = lake_show(str(lake / "out" / "run")).entry
+    drives = tuple(i for i in entry.inputs if i.role == "recording")
+    the_catalog().add(
+        replace(entry, kind="suite", folder=lake / "out" / "mined", digest="ab" * 32, inputs=drives)
+    )
+    links = lake_show(str(lake / "out" / "mined"))
+    (map_,) = [items[0].folder for i, items in links.origins if i.role == "map"]
+    assert map_ == str(ROOT / "networks" / "proving_ground.xodr")
+    assert map_ in call("lake", "show", lake / "out" / "mined")[1].replace("\n", "")
 
 
 def test_a_space_enters_itself_with_its_clusters_when_it_is_built_and_built_again(

@@ -60,7 +60,7 @@ def result(supervisor: Supervisor, request: Request) -> Told:
     there = state in ("there", "changed")
     pages = documents.pages(entry.folder) if there else []
     linked = links_of(supervisor.catalog, entry)
-    links = links_in(supervisor, linked)
+    entry, links = linked.entry, links_in(supervisor, linked)
     held = supervisor.catalog.of_folder(entry.folder) if state == "changed" else []
     return "result.html", {
         "one": entry, "state": state, "pages": [p for p in pages if "/" not in p],
