@@ -127,6 +127,7 @@ def test_the_lake_is_asked_as_its_guide_says(tmp_path: Path) -> None:
     assert "cut_in_brake" in done.stdout
 
 
+@pytest.mark.slow
 def test_the_guides_library_example_runs() -> None:
     said = example(GUIDES / "resimulate.md", "resimulate_both.py")
     done = subprocess.run([sys.executable, "-c", said], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -253,6 +253,7 @@ SPEAKER = Speaker("a", "1", "0" * 64, None, 1.0)
 FIRST = b"\x10\x00\x00\x00\x82\xaaparameters\x80\xa1a\x01"
 
 
+@pytest.mark.slow
 def test_answers_of_one_build_do_not_pass_for_those_of_another(recorded: Path, tmp_path: Path) -> None:
     shutil.copy(recorded / "rGT.conversation", tmp_path)
     file = tmp_path / "recorded.toml"

@@ -199,6 +199,7 @@ def test_a_unit_that_did_not_do_its_step_fails_by_name(
     assert any(why in check.found for check in checks if not check.holds), checks
 
 
+@pytest.mark.slow
 def test_a_unit_that_fails_to_terminate_is_told_by_its_error(tmp_path: Path) -> None:
     end = "fmi2Terminate(fmi2Component c) { return fmi2"
     done = run(unit(tmp_path, change=(f"{end}OK", f"{end}Error")), tmp_path / "out")

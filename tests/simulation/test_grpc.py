@@ -141,6 +141,7 @@ def test_a_server_that_is_absent_killed_or_stopped_costs_the_run(process: Path, 
     assert f"cannot be reached: no server answers at {address}" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_command_that_is_killed_leaves_no_process_with_the_server(process: Path, tmp_path: Path) -> None:
     with server(process) as (address, relay):
         build = served_at(

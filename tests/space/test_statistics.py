@@ -150,6 +150,7 @@ def cluster_risk(name: str, values: np.ndarray) -> ClusterRisk:
     )
 
 
+@pytest.mark.slow
 def test_expected_accidents_are_held() -> None:
     rng = np.random.default_rng(8)
     rates = np.r_[np.full(4, 20.0), np.full(6, 2.0), np.full(14, 0.05)]
