@@ -13,6 +13,7 @@ from resim.cli.terminal import add_to_json, say
 from resim.core import remedies
 from resim.core.errors import InputError
 from resim.core.files import refuse_undecodable
+from resim.core.spelling import counted
 
 suites = typer.Typer(help="Suites: recordings that a build is verified on.", no_args_is_help=True)
 app.add_typer(suites, name="suite")
@@ -49,7 +50,7 @@ def new(
         path.write_text(text, encoding="utf-8")
     read_suite(out)
     add_to_json(suite=out, recordings=found)
-    say(f"{out}: {len(found)} recordings")
+    say(f"{out}: {counted(len(found), 'recording')}")
 
 
 def _read(criteria: Path) -> None:

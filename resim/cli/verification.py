@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from resim.cli.verdicts import console
+from resim.core.spelling import counted
 from resim.resimulation.notes import HANDED_OVER, OF_BUILD
 from resim.verification.entries import (
     ComparedRecording,
@@ -30,7 +31,7 @@ def print_verification(found: VerificationReport) -> None:
     else:
         _verified(found)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in found.summary.counts().items())
-    console().print(f"{len(found.recordings)} recordings: {counts}", highlight=False)
+    console().print(f"{counted(len(found.recordings), 'recording')}: {counts}", highlight=False)
 
 
 def _verified(found: VerificationReport) -> None:

@@ -16,6 +16,7 @@ from resim.cli.progress import ProgressReporter
 from resim.cli.runs import register
 from resim.cli.terminal import add_to_json, say
 from resim.core.errors import FunctionError, InputError, ResimError
+from resim.core.spelling import counted
 
 if TYPE_CHECKING:
     from resim.jobs.verify import Verification, VerificationListener
@@ -152,7 +153,7 @@ def _replay(path: Path, workers: int | None) -> None:
         again = replay(path, workers=workers, listener=listener)
     if again.same:
         add_to_json(same=True)
-        say(f"{path}: identical bytes, {len(again.verification.report.recordings)} recordings")
+        say(f"{path}: identical bytes, {counted(len(again.verification.report.recordings), 'recording')}")
         _end(again.verification)
         return
     add_to_json(same=False, differ=again.differ, versions=again.versions)

@@ -336,7 +336,7 @@ def test_replay_repeats_the_bytes_and_names_an_input_that_changed(
     written = out / "verification.json"
     code, said, _ = call("verify", "--replay", written, "--workers", 1)
     assert code == 0
-    assert "identical bytes, 1 recordings" in said
+    assert "identical bytes, 1 recording" in said
     whole = written.read_text()
     written.write_text(whole.replace('"verdict": "verified"', '"verdict": "invalid"', 1))
     code, _, error = call("verify", "--replay", written, "--workers", 1)
