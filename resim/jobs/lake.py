@@ -209,10 +209,8 @@ def links_of(lake: Catalog, entry: CatalogEntry) -> LakeLinks:
     if not any(i.role == "map" for i in entry.inputs):  # then it has those of its recordings
         drives = [one.id for i in entry.inputs if i.role == "recording" for one in known.get(i.hash, ())[:1]]
         maps = maps_of(lake, drives)
-        entry, known = (
-            replace(entry, inputs=(*entry.inputs, *maps)),
-            known | with_content(lake, [i.hash for i in maps]),
-        )
+        entry = replace(entry, inputs=(*entry.inputs, *maps))
+        known = known | with_content(lake, [i.hash for i in maps])
     origins = tuple((i, tuple(known.get(i.hash, ()))) for i in entry.inputs)
     after = find_page(lake, LakeQuery(hashes=contents_of(entry)), most=LINKED) if entry.digest else None
     origin = read_origin(entry.folder, entry.kind) if entry.kind in KINDS else ResultOrigin()

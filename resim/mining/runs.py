@@ -36,14 +36,14 @@ def stretches(holds: Bools, group: NDArray[np.generic]) -> tuple[Ints, Ints]:
 
 
 def joined(
-    first: Ints, last: Ints, t: Floats, group: NDArray[np.generic], join: float, shortest: float | Floats
+    first: Ints, last: Ints, t: Floats, group: NDArray[np.generic], join: float, shortest: float
 ) -> Iterator[tuple[int, int]]:
     """Give stretches as (first, last), of one group joined where less than `join` [s] lies between, and of those the
-    ones that last `shortest` [s] or longer; of samples (K,): that of the first one counts.
+    ones that last `shortest` [s] or longer.
     """
     if not len(first):
         return
     apart = (group[first[1:]] != group[last[:-1]]) | (t[first[1:]] - t[last[:-1]] > join + 1e-9)
     begin, end = first[np.r_[True, apart]], last[np.r_[apart, True]]
-    keep = t[end] - t[begin] >= np.broadcast_to(shortest, t.shape)[begin] - 1e-9
+    keep = t[end] - t[begin] >= shortest - 1e-9
     yield from zip(begin[keep].tolist(), end[keep].tolist(), strict=True)

@@ -216,9 +216,7 @@ def maps_of(catalog: Catalog, ids: Sequence[str]) -> list[CatalogInput]:
     with catalog.connected() as connection:
         for k in range(0, len(ids), AT_ONCE):
             rows = connection.execute(wanted.where(INPUT.c.item.in_(ids[k : k + AT_ONCE])))
-            found |= {
-                CatalogInput(role=row.role, name=row.name, path=row.path, hash=row.hash) for row in rows
-            }
+            found |= {CatalogInput(*row) for row in rows}
     return sorted(found, key=lambda one: (one.path, one.name, one.hash))
 
 

@@ -30,7 +30,9 @@ def find(
     rules, samples = settings.acceleration, features.samples
     wanted, first = samples.kinds(frozenset(settings.kinds)), bounds(samples.piece_of)
     v = averaged(samples.t, samples.v, samples.piece_of, PRECISION)
-    a = slope(samples.t, samples.v, samples.piece_of, ALONG_PRECISION)  # recorded ones may be cut off
+    a = features.a
+    if samples.tracks.a is not None:  # recorded ones may be cut off
+        a = slope(samples.t, samples.v, samples.piece_of, ALONG_PRECISION)
     for label, sign, limit in ((BRAKING, -1.0, -rules.braking), (ACCELERATION, 1.0, rules.acceleration)):
         within = kernel.within_rises(samples.t, sign * v, first, limit * rules.within, rules.within)
         for begin, until in zip(*stretches(within & wanted, samples.piece_of), strict=True):
