@@ -9,15 +9,13 @@ import numpy as np
 from resim.core.geometry import Floats
 from resim.space.report import ConvergenceEntry, CoverageEntry, DiscoveryCurve
 from resim.space.statistics.rates import IntervalEstimate, rate, share, spread_of
-from resim.space.statistics.unseen import HeldOutCheck, held_out, kinds_at_least, more_needed, unseen_share
+from resim.space.statistics.unseen import HeldOutCheck, held_out, kinds_at_least, more_needed, unseen_by_drive
 from resim.space.traces import Ints
 
 LIMIT = 0.05
 """Convergence: with 95 % confidence at most so much of what comes next is new, or enlarges a kind (our choice)."""
 TOLERANCE = 0.05
 """Distance by which a kind must grow to count as growing (our choice): 4 m in one slot."""
-LEAST_DRIVES = 4
-"""Of which what each has alone is compared."""
 POINTS = 40
 """Of a curve at most."""
 
@@ -66,24 +64,7 @@ def coverage(seen: SeenScenarios) -> CoverageEntry:
 
 def halves(once: SeenScenarios) -> HeldOutCheck | None:
     """Check the unseen share of the first half against the second. once: the first of each kind and occasion."""
-    return held_out(once.kind, _singles_at_once(once))
-
-
-def elsewhere(once: SeenScenarios) -> HeldOutCheck | None:
-    """Check the unseen share of all against what is in each drive and in no other one.
-
-    Kinds that come several times, and in one drive alone, look as if they were known: the next drive has others. Each
-    drive is one draw of its share. once: the first of each kind and occasion. None for fewer than four drives.
-    """
-    drives, drive = np.unique(once.drive, return_inverse=True)
-    if len(drives) < LEAST_DRIVES:
-        return None
-    pairs = np.unique(np.stack([once.kind, drive]), axis=1)
-    alone = np.isin(once.kind, np.flatnonzero(np.bincount(pairs[0]) == 1))
-    shares = np.bincount(drive, alone) / np.bincount(drive)
-    predicted = unseen_share(_counts(once.kind), _singles_at_once(once))
-    found = share(float(shares.sum()), float(len(drives)))
-    return HeldOutCheck(predicted, found, predicted.overlaps(found), len(drives))
+    return held_out(once.kind, once.drive)
 
 
 def first_of_each(seen: SeenScenarios) -> SeenScenarios:
@@ -101,23 +82,21 @@ def _counts(kind: Ints) -> Ints:
     return np.asarray(np.unique(kind, return_counts=True)[1], dtype=np.intp)
 
 
-def _singles_at_once(once: SeenScenarios) -> float:
-    """How many kinds that are seen once come at one occasion (`spread_of`)."""
-    _, inverse, counts = np.unique(once.kind, return_inverse=True, return_counts=True)
-    single = counts[inverse] == 1
-    return spread_of(np.unique(once.occasion[single], return_counts=True)[1])
-
-
 def convergence(once: SeenScenarios, limit: float = LIMIT) -> ConvergenceEntry:
     """Say whether discovery and expansion have stopped, by the upper ends of two shares."""
     counts, n = _counts(once.kind), len(once.kind)
-    unseen = unseen_share(counts, _singles_at_once(once))
+    unseen = unseen_by_drive(once.kind, once.drive)
     new = expands(once.kind, once.distance)[n // 2 :]
-    expanding = share(float(new.sum()), float(len(new)))
+    spread = spread_of(np.unique(once.drive[n // 2 :], return_counts=True)[1])
+    expanding = share(float(new.sum()) / spread, len(new) / spread)
     if not len(new):
         expanding = IntervalEstimate(np.nan, 0.0, 1.0)
-    missing = max(more_needed(counts, limit), _more_without_growth(expanding, len(new), limit))
     done = unseen.high <= limit and expanding.high <= limit
+    missing = max(
+        more_needed(counts, limit), spread * _more_without_growth(expanding, len(new) / spread, limit)
+    )
+    if not done and missing == 0.0:
+        missing = np.nan  # drives differ, and nobody can say how many more are needed
     per_scenario = once.whole[0] / n if n else np.nan
     return ConvergenceEntry(
         bool(done), limit, unseen, expanding, 0.0 if done else missing,
@@ -138,14 +117,14 @@ def expands(kind: Ints, distance: Floats) -> np.ndarray:
     return out
 
 
-def _more_without_growth(expanding: IntervalEstimate, of: int, limit: float) -> float:
-    """How many more scenarios in the later half bring the upper end of a share down to a limit, if none of them is new:
-    at least so many.
+def _more_without_growth(expanding: IntervalEstimate, of: float, limit: float) -> float:
+    """How many more draws in the later half bring the upper end of a share down to a limit, if none of them is new: at
+    least so many.
     """
     if expanding.high <= limit:
         return 0.0
     seen = 0.0 if np.isnan(expanding.value) else expanding.value * of
-    n = max(float(of), 1.0)
+    n = max(of, 1.0)
     while share(seen, n).high > limit:
         n = np.ceil(n * 1.02 + 1.0)
     return n - of
@@ -154,7 +133,7 @@ def _more_without_growth(expanding: IntervalEstimate, of: int, limit: float) -> 
 def _later_discovery(once: SeenScenarios) -> tuple[IntervalEstimate, IntervalEstimate]:
     """New kinds by hour and kilometre in the later half of what was driven."""
     _, first = np.unique(once.kind, return_index=True)
-    spread = spread_of(np.unique(once.occasion[first], return_counts=True)[1])
+    spread = spread_of(np.unique(once.drive[first], return_counts=True)[1])
     out = []
     for driven, whole in zip((once.hours, once.kilometres), once.whole, strict=True):
         new = float((driven[first] >= 0.5 * whole).sum()) if np.isfinite(whole) else np.nan

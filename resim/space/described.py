@@ -62,17 +62,17 @@ def in_order(name: str) -> tuple[int, bool, int]:
 
 
 def _cluster(rows: pd.DataFrame, driven: tuple[float, float]) -> ClusterEntry:
-    hours, kilometres = exposure(rows["occasion"].to_numpy(np.intp), driven)
+    hours, kilometres = exposure(drive_numbers(rows), driven)
     return ClusterEntry(
         str(rows["cluster"].iloc[0]), str(rows["scenario"][rows["medoid"]].iloc[0]), len(rows),
         int(rows["occasion"].nunique()), float(rows["to_medoid"].max()), hours, kilometres,
     )  # fmt: skip
 
 
-def exposure(occasion: Ints, driven: tuple[float, float]) -> tuple[IntervalEstimate, IntervalEstimate]:
-    """Give how often scenarios come, by hour and kilometre. occasion (K,): of each; several EGOs may see the same."""
-    spread = spread_of(np.unique(occasion, return_counts=True)[1])
-    hours, kilometres = (rate(len(occasion), one, spread) for one in driven)
+def exposure(drive: Ints, driven: tuple[float, float]) -> tuple[IntervalEstimate, IntervalEstimate]:
+    """Give how often scenarios come, by hour and kilometre. drive (K,): of each, which is one draw of its traffic."""
+    spread = spread_of(np.unique(drive, return_counts=True)[1])
+    hours, kilometres = (rate(len(drive), one, spread) for one in driven)
     return hours, kilometres
 
 

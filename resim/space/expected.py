@@ -22,7 +22,7 @@ from resim.core.intervals import exact
 from resim.space.calibration import ReliabilityReport, believed, drives_missing
 from resim.space.risk import ClusterRisk
 from resim.space.statistics.rates import IntervalEstimate, poisson_limits, spread_of
-from resim.space.statistics.unseen import unseen_share
+from resim.space.statistics.unseen import unseen_by_drive
 from resim.space.traces import Ints
 
 
@@ -37,16 +37,17 @@ class RiskLimit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ExposedScenarios:
-    """N measured scenarios: number of their cluster (N,) and of their occasion (N,); C clusters."""
+    """N measured scenarios: numbers of their cluster, their occasion and their drive (N,) each; C clusters."""
 
     kind: Ints
     occasion: Ints
+    drive: Ints
     clusters: int
 
     def without(self, left_out: Sequence[int]) -> ExposedScenarios:
         """Give those of other clusters."""
         keep = ~np.isin(self.kind, np.asarray(left_out, dtype=np.intp))
-        return ExposedScenarios(self.kind[keep], self.occasion[keep], self.clusters)
+        return ExposedScenarios(self.kind[keep], self.occasion[keep], self.drive[keep], self.clusters)
 
     def counts(self) -> Ints:
         """Give how many occasions (C,) each cluster has."""
@@ -111,6 +112,8 @@ def expected_accidents(
 ) -> AccidentTerms:  # fmt: skip
     """Give expected accidents by what was driven, in its unit. risks (C,): of `risk_limit`, at a third of the error.
 
+    A drive with all that comes in it is one event: traffic differs from drive to drive, and what comes in one is no
+    evidence of how often it comes in others.
     whole: all that was seen, where exposed is a part: nobody can leave kinds out of an ODD that were not seen.
     """
     alpha = (1.0 - confidence) / 3.0
@@ -122,9 +125,9 @@ def expected_accidents(
     of = exposed.kind
     if not known.any():
         value = np.nan
-    least = _lower(_per_occasion(exposed, np.where(known, low, 0.0)[of]), driven, alpha)
+    least = _lower(_per_drive(exposed, np.where(known, low, 0.0)[of]), driven, alpha)
     parts = [
-        _upper(_per_occasion(exposed, weights[of]), float(weights.max(initial=0.0)), driven, alpha)
+        _upper(_per_drive(exposed, weights[of]), float(weights.max(initial=0.0)), driven, alpha)
         for weights in (high, np.where(known, high, 0.0), np.where(known, 0.0, 1.0))
     ]
     unseen = unseen_rate(exposed if whole is None else whole, driven, alpha)
@@ -133,24 +136,20 @@ def expected_accidents(
 
 def unseen_rate(exposed: ExposedScenarios, driven: float, alpha: float) -> float:
     """Give the upper limit of how often scenarios of unseen kinds come, with error probability alpha in all."""
-    _, per = np.unique(exposed.occasion, return_counts=True)
-    spread = spread_of(per)
+    spread = spread_of(np.unique(exposed.drive, return_counts=True)[1])
     rate = float(poisson_limits(len(exposed.kind) / spread, 1.0 - alpha)[1]) * spread / driven
     return rate * unseen_of(exposed, 1.0 - alpha).high
 
 
 def unseen_of(exposed: ExposedScenarios, confidence: float) -> IntervalEstimate:
-    """Give the probability that the next scenario is of a kind not seen, from occasions."""
-    counts = exposed.counts()
-    pairs = np.unique(np.stack([exposed.kind, exposed.occasion]), axis=1)
-    single = counts[pairs[0]] == 1
-    spread = spread_of(np.unique(pairs[1][single], return_counts=True)[1])
-    return unseen_share(counts[counts > 0], spread, confidence)
+    """Give the probability that the next scenario is of a kind not seen, from the first of each kind and occasion."""
+    _, first = np.unique(np.stack([exposed.kind, exposed.occasion]), axis=1, return_index=True)
+    return unseen_by_drive(exposed.kind[first], exposed.drive[first], confidence)
 
 
-def _per_occasion(exposed: ExposedScenarios, weights: Floats) -> Floats:
-    """Sums of weights (N,) by occasion: what comes at once is one event of that weight."""
-    _, where = np.unique(exposed.occasion, return_inverse=True)
+def _per_drive(exposed: ExposedScenarios, weights: Floats) -> Floats:
+    """Sums of weights (N,) by drive: what comes in one is one event of that weight."""
+    _, where = np.unique(exposed.drive, return_inverse=True)
     return np.asarray(np.bincount(where, weights), dtype=float) if len(where) else np.zeros(0)
 
 

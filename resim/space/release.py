@@ -159,7 +159,7 @@ def _odd(
     left = total - float(count[out].sum())
     high = case.accidents("hour", out).high
     enough = _fits(case, out) and seen and not case.unknown  # what is in no cluster goes with none
-    spread = spread_of(np.unique(case.exposed.occasion, return_counts=True)[1])
+    spread = spread_of(np.unique(case.exposed.drive, return_counts=True)[1])
     kept = RemainingDomain(
         len(order) - len(out),
         share(left / spread, total / spread),

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from resim.space.calibration import ReliabilityReport
-from resim.space.coverage import SeenScenarios, elsewhere, first_of_each, halves
+from resim.space.coverage import SeenScenarios, first_of_each, halves
 from resim.space.described import seen as in_order_driven
+from resim.space.draws import drive_numbers
 from resim.space.expected import (
     AccidentTerms,
     ExposedScenarios,
@@ -70,7 +71,9 @@ class ReleaseCase:
 def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits) -> ReleaseCase:
     """Give what a decision about a release follows from."""
     names, kind = np.unique(space.rows["cluster"].to_numpy(str), return_inverse=True)
-    exposed = ExposedScenarios(kind, space.rows["occasion"].to_numpy(np.intp), len(names))
+    exposed = ExposedScenarios(
+        kind, space.rows["occasion"].to_numpy(np.intp), drive_numbers(space.rows), len(names)
+    )
     told = in_order_driven(space, np.arange(len(space.rows)))
     seen = _seen(told, sum(one.left_out for one in space.sources))
     risks = {} if cover is None else {one.cluster: one for one in cover.clusters}
@@ -83,25 +86,24 @@ def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits)
 
 
 def _seen(told: SeenScenarios, left_out: int) -> ExposedScenarios:
-    """Scenarios in the order in which they were driven, and so many more, each of a kind and occasion of its own."""
+    """Scenarios in the order in which they were driven, and so many more, each of a kind and drive of its own."""
     more, clusters = np.arange(left_out), 1 + int(told.kind.max(initial=-1))
-    occasion = np.concatenate([told.occasion, 1 + told.occasion.max(initial=-1) + more])
-    return ExposedScenarios(np.concatenate([told.kind, clusters + more]), occasion, clusters + left_out)
+    occasion, drive = (
+        np.concatenate([one, 1 + one.max(initial=-1) + more]) for one in (told.occasion, told.drive)
+    )
+    return ExposedScenarios(
+        np.concatenate([told.kind, clusters + more]), occasion, drive, clusters + left_out
+    )
 
 
 def _unlike(told: SeenScenarios) -> Iterator[str]:
-    """Where the later half, or drives each by themselves, have more new kinds than what was seen tells."""
-    once = first_of_each(told)
-    checks = (
-        (halves(once), "of the later half of scenarios", "are of new kinds, where the first half tells",
-         "what comes is not as what was seen"),
-        (elsewhere(once), "of a drive's scenarios", "are of kinds that are in no other drive, where all together tell",
-         "the next drive is not as these"),
-    )  # fmt: skip
-    for check, whose, what, so in checks:
-        if check is not None and check.found.low > check.predicted.high:
-            found, predicted = 100.0 * check.found.low, 100.0 * check.predicted.high
-            yield f"{whose} at least {found:.3g} % {what} of at most {predicted:.3g} %: {so}"
+    """Where the later half has more new kinds than the first half tells."""
+    check = halves(first_of_each(told))
+    if check is not None and check.found.low > check.predicted.high:
+        yield (
+            f"of the later half of scenarios at least {100.0 * check.found.low:.3g} % are of new kinds, where the "
+            f"first half tells of at most {100.0 * check.predicted.high:.3g} %: what comes is not as what was seen"
+        )
 
 
 def _mixed(space: Space, build: str) -> Iterator[str]:

@@ -94,7 +94,7 @@ def _doubled(
     """The upper limit after as many hours again: all as before, and every kind seen once is seen again."""
     hours, limits = asked
     twice = ExposedScenarios(
-        np.concatenate([exposed.kind, exposed.kind]), _again(exposed.occasion), exposed.clusters
+        np.tile(exposed.kind, 2), _again(exposed.occasion), _again(exposed.drive), exposed.clusters
     )
     found = expected_accidents(twice, risks, 2.0 * hours, limits.confidence)
     seen_once = unseen_rate(whole, hours, (1.0 - limits.confidence) / 3.0)
@@ -102,5 +102,5 @@ def _doubled(
     return found.high - found.unseen + 0.5 * seen_once
 
 
-def _again(occasion: Ints) -> Ints:
-    return np.concatenate([occasion, occasion + occasion.max() + 1])
+def _again(number: Ints) -> Ints:
+    return np.concatenate([number, number + number.max() + 1])

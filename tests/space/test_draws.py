@@ -16,12 +16,14 @@ from space.spaces import KINDS, source, space_of
 from resim.core.intervals import exact
 from resim.space.build import build_space
 from resim.space.calibration import reliability
+from resim.space.described import exposure
 from resim.space.draws import recording_draws, scenario_draws
-from resim.space.expected import risk_limit
+from resim.space.expected import ExposedScenarios, RiskLimit, expected_accidents, risk_limit
 from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, TestDrive, judged_members
 from resim.space.model import Space
 from resim.space.risk import ClusterRisk, DrawRisk, cluster_risks
 from resim.space.statistics.rates import UNKNOWN, share
+from resim.space.statistics.unseen import unseen_by_drive
 from resim.space.traces import joined
 
 BUCKET = "m-1, road 1 +, 3 lanes, 4 vehicles"
@@ -133,6 +135,38 @@ def test_the_limit_holds_where_drives_differ(drives: int) -> None:
         one = ClusterRisk("1.1", 0, 0, 0, 0, 0, 0, 0, mean, draws, (), {})
         held += truth <= risk_limit(one, 0.05, 1, BELIEVED).high
     assert held >= 0.93 * 300
+
+
+@pytest.mark.parametrize("drives", [5, 30, 100])
+@pytest.mark.parametrize("shape", [1.0, 3.0, 1e6])
+def test_rates_hold_where_drives_differ(drives: int, shape: float) -> None:
+    """How much comes in a drive differs from drive to drive: rush hour and night. 20 an hour in the mean."""
+    rng, held, high = np.random.default_rng(6), 0, 0
+    for _ in range(500):
+        number = np.repeat(np.arange(drives), rng.poisson(20.0 * rng.gamma(shape, 1.0 / shape, drives)))
+        found, _ = exposure(number, (float(drives), 1.0))
+        held += found.low <= 20.0 <= found.high
+        exposed = ExposedScenarios(number * 0, np.arange(len(number)), number, 1)
+        terms = expected_accidents(exposed, [RiskLimit(np.nan, 0.0, 1.0, False)], float(drives), 0.95)
+        high += terms.thin >= 20.0
+    assert held >= 0.93 * 500
+    assert high >= 0.93 * 500
+
+
+@pytest.mark.parametrize("drives", [5, 30, 100])
+@pytest.mark.parametrize("kinds_each", [3, 60])
+def test_the_unseen_share_holds_where_drives_have_kinds_of_their_own(drives: int, kinds_each: int) -> None:
+    """The next drive has a few of 60 kinds, and each of them often."""
+    rng, held = np.random.default_rng(7), 0
+    rates = 1.0 / np.arange(1, 61)
+    order = np.array([rng.choice(60, kinds_each, replace=False, p=rates / rates.sum()) for _ in range(4000)])
+    for _ in range(500):
+        rows = rng.integers(0, len(order), drives)
+        kind = order[rows][:, rng.integers(0, kinds_each, 20)]
+        truth = float((~np.isin(order, kind)).mean())
+        found = unseen_by_drive(kind.ravel(), np.repeat(np.arange(drives), 20))
+        held += found.low <= truth <= found.high
+    assert held >= 0.93 * 500
 
 
 @settings(deadline=None, max_examples=50)

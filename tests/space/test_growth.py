@@ -244,11 +244,14 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         np.arange(600.0),
         np.arange(600.0),
         (600.0, 600.0),
-        np.zeros(600, int),
+        np.arange(600) // 4,
     )
     assert coverage(many).convergence.converged
     assert coverage(many).discovery_per_hour.value == 0.0
     assert coverage(many).discovery_per_hour.high > 0.0
+    alone = coverage(replace(many, drive=np.zeros(600, int))).convergence  # the next drive may have others
+    assert (alone.converged, alone.unseen.value) == (False, 1.0)
+    assert alone.missing > 600
     growing = SeenScenarios(
         np.arange(600) % 6,
         np.arange(600),
@@ -256,7 +259,7 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         np.arange(600.0),
         np.arange(600.0),
         (600.0, 600.0),
-        np.zeros(600, int),
+        np.arange(600) // 4,
     )
     assert not coverage(growing).convergence.converged
 

@@ -144,14 +144,18 @@ def test_with_too_little_data_it_says_what_to_do(seen: Space) -> None:
 
 @pytest.mark.parametrize("per_hour", [0.05, 1.0, 20.0])
 def test_the_hours_that_are_missing_are_those_in_which_nothing_new_comes(per_hour: float) -> None:
-    few = ExposedScenarios(np.array([0, 0, 0, 1]), np.arange(4), 2)
+    few = ExposedScenarios(np.array([0, 0, 0, 1]), np.arange(4), np.arange(4), 2)
     alpha, hours = 0.05 / 3.0, 0.5
     more = hours_for_accidents(few, per_hour, alpha, hours, hours)
     assert more > 0.0
 
     def limit(times: float) -> float:
         count = round(4 * times)
-        return unseen_rate(ExposedScenarios(np.zeros(count, int), np.arange(count), 1), hours * times, alpha)
+        return unseen_rate(
+            ExposedScenarios(np.zeros(count, int), np.arange(count), np.arange(count), 1),
+            hours * times,
+            alpha,
+        )
 
     times = 1.0 + more / hours
     assert limit(1.1 * times + 1.0) <= per_hour < limit(0.9 * times)
@@ -162,7 +166,7 @@ def test_the_hours_that_are_missing_are_those_in_which_nothing_new_comes(per_hou
 
 def test_the_tutorial_says_how_many_hours_the_limit_that_ships_needs() -> None:
     asked, _ = read_limits(SHIPPED)
-    many = ExposedScenarios(np.zeros(1_000_000, int), np.arange(1_000_000), 1)
+    many = ExposedScenarios(np.zeros(1_000_000, int), *[np.arange(1_000_000)] * 2, 1)
     alpha = (1.0 - asked.confidence) / 3.0
     needed = 1000.0 + hours_for_accidents(many, asked.limit[0].accidents, alpha, 1000.0, 1000.0)
     told = (Path(__file__).parents[2] / "docs" / "tutorials" / "space.md").read_text(encoding="utf-8")
@@ -371,18 +375,8 @@ def test_kinds_that_each_come_in_one_drive_alone_are_not_all_that_there_is() -> 
     mixed = build_space(
         [source(f"s{k}", [KINDS[(k + j) % 10] for j in range(4)], k, 20.0, each=4) for k in range(10)]
     )
-    told = [
-        [
-            reason
-            for reason in release_case(one, None, limits(0.3)).unknown
-            if "are in no other drive" in reason
-        ]
-        for one in (alone, mixed)
-    ]
-    assert [len(reasons) for reasons in told] == [1, 0]
-    assert told[0][0].startswith(
-        "of a drive's scenarios at least 69.2 % are of kinds that are in no other drive"
-    )
+    found = [decided(one, members(one, 9, 0.0), limits(0.3)).checks[0] for one in (alone, mixed)]
+    assert [(one.value, one.low) for one in found] == [(0.0, 0.0), (1.0, pytest.approx(0.9, abs=0.01))]
 
 
 def test_hours_of_others_do_not_dilute_what_this_build_meets(seen: Space) -> None:

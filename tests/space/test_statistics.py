@@ -135,12 +135,12 @@ def test_what_is_missing_is_what_would_be_needed() -> None:
 def test_a_held_out_half_agrees_where_nothing_changes_and_not_where_all_does() -> None:
     rng = np.random.default_rng(7)
     p = POPULATIONS["zipf"] / POPULATIONS["zipf"].sum()
-    good = [held_out(rng.choice(500, 400, p=p)) for _ in range(100)]
+    good = [held_out(rng.choice(500, 400, p=p), np.arange(400)) for _ in range(100)]
     assert sum(one is not None and one.agree for one in good) >= 95
-    changed = held_out(np.r_[rng.integers(0, 5, 200), rng.integers(100, 105, 200)])
+    changed = held_out(np.r_[rng.integers(0, 5, 200), rng.integers(100, 105, 200)], np.arange(400))
     assert changed is not None
     assert not changed.agree
-    assert held_out(np.array([1, 2, 3])) is None
+    assert held_out(np.array([1, 2, 3]), np.arange(3)) is None
 
 
 def cluster_risk(name: str, values: np.ndarray) -> ClusterRisk:
@@ -159,7 +159,7 @@ def test_expected_accidents_are_held() -> None:
     for _ in range(DRAWS):
         counts = rng.poisson(rates * hours)
         kind = np.repeat(np.arange(24), counts)
-        exposed = ExposedScenarios(kind, np.arange(len(kind)), 24)
+        exposed = ExposedScenarios(kind, np.arange(len(kind)), np.arange(len(kind)), 24)
         found = {
             names[k]: cluster_risk(names[k], (rng.random(200) < risk[k]).astype(float))
             for k in np.flatnonzero(counts).tolist()

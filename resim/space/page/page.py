@@ -122,6 +122,8 @@ def _buckets(told: SpaceReport) -> Markup:
     for one in sorted(told.buckets, key=lambda b: (-b.scenarios, b.number)):
         state = one.coverage.convergence
         missing = "–" if state.converged else f"at least {number(state.missing)}"
+        if not np.isfinite(state.missing):
+            missing = "not known"
         rows.append(
             [one.bucket, str(one.scenarios), str(len(one.clusters)), str(sum(c.members == 1 for c in one.clusters)),
              f"{one.threshold:.3g}, {one.chosen}", f"{number(one.coverage.kinds.at_least)}",

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from resim.core.intervals import CONFIDENCE
-from resim.space.statistics.rates import IntervalEstimate, poisson_limits, share
+from resim.space.statistics.rates import IntervalEstimate, poisson_limits, share, spread_of
 from resim.space.traces import Ints
 
 
@@ -42,12 +42,31 @@ def unseen_share(counts: Ints, spread: float = 1.0, confidence: float = CONFIDEN
     Statistica Sinica 13, 2003), so that it holds its level on its own, too, and for few scenarios. spread: how many
     kinds seen once come at one occasion (`spread_of`). [0, 1] of nothing.
     """
-    n = float(counts.sum())
+    f1, f2 = float((counts == 1).sum()), float((counts == 2).sum())
+    return _interval(f1, 2.0 * f2, float(counts.sum()), spread, confidence)
+
+
+def unseen_by_drive(kind: Ints, drive: Ints, confidence: float = CONFIDENCE) -> IntervalEstimate:
+    """Give the probability that the next scenario, of another drive, is of a kind not seen.
+
+    kind, drive: numbers (K,) of each. As `unseen_share`, where what comes in one drive alone takes the place of kinds
+    seen once: the share of a drive that all others do not have. Drives have kinds of their own, each of which may come
+    several times in one, and each drive is one draw. With a single drive nothing is known of the next one.
+    """
+    kinds, which = np.unique(kind, return_inverse=True)
+    pairs = np.unique(np.stack([which, drive]), axis=1)
+    drives = np.bincount(pairs[0], minlength=len(kinds))[which]
+    alone = drive[drives == 1]
+    spread = spread_of(np.unique(alone, return_counts=True)[1])
+    return _interval(float(len(alone)), float((drives == 2).sum()), float(len(kind)), spread, confidence)
+
+
+def _interval(f1: float, twice: float, n: float, spread: float, confidence: float) -> IntervalEstimate:
+    """The interval of the unseen share. f1, twice: scenarios of kinds seen once, and twice; n: all of them."""
     if n == 0.0:
         return IntervalEstimate(np.nan, 0.0, 1.0, confidence)
-    f1, f2 = float((counts == 1).sum()), float((counts == 2).sum())
     z = float(ndtri(0.5 + 0.5 * confidence))
-    more = f1 + 2.0 * (f2 + 1.0)
+    more = f1 + twice + 2.0
     below = f1 - z * np.sqrt(spread * more)
     above = f1 + spread * (0.5 * z**2 + z * np.sqrt(more / spread + 0.25 * z**2))
     low, high = (float(limit) * spread for limit in poisson_limits(f1 / spread, confidence))
@@ -127,16 +146,17 @@ class HeldOutCheck:
     of: int
 
 
-def held_out(kind: Ints, spread: float = 1.0) -> HeldOutCheck | None:
+def held_out(kind: Ints, drive: Ints) -> HeldOutCheck | None:
     """Check the unseen share of the first half of scenarios, kinds (K,) in order of time, against the second half.
 
-    None for fewer than four.
+    drive (K,): number of the drive of each, which is one draw. None for fewer than four.
     """
     if len(kind) < 4:
         return None
-    first, second = kind[: len(kind) // 2], kind[len(kind) // 2 :]
-    _, counts = np.unique(first, return_counts=True)
-    predicted = unseen_share(np.asarray(counts, np.intp), spread)
+    half = len(kind) // 2
+    first, second = kind[:half], kind[half:]
+    predicted = unseen_by_drive(first, drive[:half])
+    spread = spread_of(np.unique(drive[half:], return_counts=True)[1])
     new = float((~np.isin(second, first)).sum())
     found = share(new / spread, len(second) / spread)
     return HeldOutCheck(predicted, found, predicted.overlaps(found), len(second))
