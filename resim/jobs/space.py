@@ -16,12 +16,12 @@ from resim.core.provenance import versions
 from resim.core.sealed import sealed
 from resim.core.spec import read_sealed_json, read_strict, to_json
 from resim.jobs.given import path_of
+from resim.jobs.space_drives import driven_traces
 from resim.jobs.space_members import (
     TRAFFIC,
     Simulated,
     SpaceReading,
     accidents,
-    driven_traces,
     one_build,
     read_simulated,
 )

@@ -16,14 +16,9 @@ import pandas as pd
 from resim.core.errors import InputError
 from resim.core.files import relative
 from resim.jobs.space_recordings import RecordingReader, SimulatedRecording
-from resim.mining.slots import slot_frame
-from resim.recordings.content import tracks_hash
 from resim.simulation.reactive.settings import ReactiveSettings, traffic_toml
 from resim.simulation.vehicles.kinematic import Kinematic
-from resim.space.copies import equal_scenarios
-from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, TestDrive
-from resim.space.model import Space, bucket_names
-from resim.space.traces import SlotTraces, from_frame, joined
+from resim.space.members import INSIDE, SimulatedRun, TestDrive
 from resim.sweeps.result import SweepResult, read_swept
 from resim.verification.entries import MODEL, RecordingSource, VerifiedRecording
 from resim.verification.folder import read as read_verification
@@ -279,57 +274,6 @@ def _same(recording: str, values: Mapping[str, float], varied: str, seed: int) -
 def _trust(told: object, varied: Sequence[str]) -> str:
     """The trust of a run; unknown where a variation has none."""
     return told if isinstance(told, str) and told else "unknown" if varied else INSIDE
-
-
-def driven_traces(space: Space, given: Iterable[Simulated]) -> DrivenTraces:
-    """Give the slots of all recordings that were simulated.
-
-    Args:
-        space: The space that they are put into.
-        given: What was simulated.
-
-    Returns:
-        Slots by recording, their buckets, and which scenarios of the space they are.
-    """
-    drives = {key: drive for one in given for key, drive in one.recordings.items()}
-    keys, scenarios = sorted(drives), _scenarios(space, drives)
-    names = bucket_names(pd.DataFrame([drives[key].place for key in keys]), space.settings) if keys else []
-    frames = [drives[key].slots for key in keys] or [slot_frame([], [])]
-    traces = from_frame(pd.concat(frames, ignore_index=True))
-    drive = {key: one.drive for key, one in drives.items()}
-    _find_copies(space, traces, scenarios, drive)
-    return DrivenTraces(traces, dict(zip(keys, names, strict=True)), scenarios, drive)
-
-
-def _find_copies(space: Space, traces: SlotTraces, scenario: dict[str, str], drive: dict[str, str]) -> None:
-    """Enter in `scenario` and `drive`, both by key, which recordings see the same as a scenario or another recording.
-
-    They are the same drive in another file, whatever its bytes are.
-    """
-    count, names = len(space.traces), [*space.traces.names.tolist(), *traces.names.tolist()]
-    for pair in equal_scenarios(joined([space.traces, traces])):
-        one, two = sorted(pair)
-        if two < count:
-            continue
-        key = names[two]
-        if one < count:
-            scenario[key] = scenario[key] or names[one]
-        elif drive[key] != drive[names[one]]:
-            old, new = drive[key], drive[names[one]]
-            drive.update({name: new for name, told in drive.items() if told == old})
-
-
-def _scenarios(space: Space, drives: Mapping[str, SimulatedRecording]) -> dict[str, str]:
-    """Which scenario of the space each recording is, by key, "" for none: by its folder, or as a copy of one."""
-    own = {
-        os.path.realpath(folder): str(name)
-        for folder, name in zip(space.rows["folder"], space.rows["scenario"], strict=True) if folder
-    }  # fmt: skip
-    found = {key: own.get(os.path.realpath(drive.folder), "") for key, drive in drives.items()}
-    if not all(found.values()):
-        there = {tracks_hash(Path(folder)): name for folder, name in own.items() if Path(folder).is_dir()}
-        found |= {key: there.get(key, "") for key, name in found.items() if not name}
-    return found
 
 
 def one_build(given: Sequence[tuple[Path, Simulated]]) -> Simulated:

@@ -17,6 +17,7 @@ from resim.space.copies import first_copy
 from resim.space.distance import PairDistances
 from resim.space.model import COLUMNS, PLACED, BucketLinks, Space, bucket_names
 from resim.space.placing import FrozenClusters, cluster_all, place_rows
+from resim.space.repeated_drives import merged, same_traffic
 from resim.space.report import SourceEntry
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 from resim.space.sources import MinedSource
@@ -216,6 +217,7 @@ def typed(rows: pd.DataFrame) -> pd.DataFrame:
         "scenario",
         "source",
         "name",
+        "drive",
         "recording",
         "ego",
         "map",
@@ -253,14 +255,32 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
         entries.append(entry)
         traces.append(replace(source.traces, names=frames[-1]["scenario"].to_numpy(str)))
     rows = pd.concat(frames, ignore_index=True) if frames else space.rows
-    whole = replace(space, sources=tuple(entries), rows=rows, traces=joined(traces))
-    if found := first_copy(whole.traces, (rows["source"] + "/" + rows["recording"]).astype(str).tolist()):
+    whole, since = replace(space, sources=tuple(entries), rows=rows, traces=joined(traces)), len(space.rows)
+    recording = (rows["source"] + "/" + rows["recording"]).astype(str).tolist()
+    if found := first_copy(whole.traces, recording, since):
         one, two = (rows["scenario"].iloc[k] for k in found)
         raise InputError(
             sources[-1].folder, f"scenarios {one} and {two}, of two recordings, see the same traffic to the centimetre",
             "A drive counts once, also as another file, cut anew, or around another EGO: mine it once.",
         )  # fmt: skip
-    return whole
+    drive = rows["drive"].astype(str).tolist()
+    again = same_traffic(whole.traces, drive, rows["map"].astype(str).tolist(), since)
+    return replace(
+        whole,
+        rows=rows.assign(drive=merged(drive, np.concatenate([again, _of_one_traffic(entries, recording)]))),
+    )
+
+
+def _of_one_traffic(entries: Sequence[SourceEntry], recording: Sequence[str]) -> Ints:
+    """Pairs (P, 2) of rows whose recordings (N,) hold the same traffic, around one EGO or another."""
+    told = {
+        f"{one.name}/{name}": where.partition(" ")[0]
+        for one in entries
+        for name, where in one.traffic.items()
+    }
+    first: dict[str, int] = {}
+    pairs = [(first.setdefault(told[name], k), k) for k, name in enumerate(recording) if told.get(name)]
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
 def _refuse_twice(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
@@ -342,6 +362,7 @@ def _frame(
     folders = [str((source.folder / one).resolve()) if one else "" for one in rows["folder"].astype(str)]
     return rows.assign(
         scenario=own, name=names, source=entry.name, batch=entry.batch, folder=folders,
+        drive=f"{entry.name}/" + rows["recording"].astype(str),
         occasion=rows["occasion"] + occasions, hours=rows["hours"] + driven[0],
         kilometres=rows["kilometres"] + driven[1], bucket=bucket_names(rows, settings),
         **{name: None for name in PLACED if name != "bucket"},

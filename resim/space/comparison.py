@@ -112,7 +112,11 @@ def together(one: Space, other: Space, workers: int = 1) -> Space:
         for k, name in zip(both["space"], both["scenario"], strict=True)
     ]
     whole = replace(
-        one, rows=both.assign(scenario=pd.array(names, dtype="string"), batch=both["space"]),
+        one,
+        rows=both.assign(
+            scenario=pd.array(names, dtype="string"), batch=both["space"],
+            drive=both["space"].astype(str) + "/" + both["drive"],
+        ),
         traces=joined([one.traces, other.traces]), links={},
     )  # fmt: skip
     return cluster_buckets(whole, workers)

@@ -18,8 +18,9 @@ from resim.space.traces import Ints
 
 
 def drive_numbers(rows: pd.DataFrame) -> Ints:
-    """Give the number (N,) of the recording of each scenario, which is taken as one drive. rows: of a space."""
-    return np.asarray(rows.groupby(["batch", "source", "recording"], sort=False).ngroup(), dtype=np.intp)
+    """Give the number (N,) of the drive of each scenario: its recording, and those that are it again. rows: of a
+    space."""
+    return np.asarray(rows.groupby("drive", sort=False).ngroup(), dtype=np.intp)
 
 
 def scenario_draws(rows: pd.DataFrame) -> np.ndarray:

@@ -18,8 +18,9 @@ from resim.space.traces import Ints, SlotTraces
 PLACED = ("bucket", "number", "cluster", "medoid", "to_medoid")
 """Columns that clustering fills: name and number of the bucket, name of the cluster, whether it is its medoid, distance
 to the medoid."""
-COLUMNS = ("scenario", "source", "batch", "name", *ROWS[1:], *PLACED)
-"""Of scenarios.parquet; scenario: its name in the space, name: in its source; occasion, hours and kilometres count over
+COLUMNS = ("scenario", "source", "batch", "name", "drive", *ROWS[1:], *PLACED)
+"""Of scenarios.parquet; scenario: its name in the space, name: in its source; drive: source and
+recording of the first one that it is one drive with; occasion, hours and kilometres count over
 all sources."""
 CLUSTERS = ("scenario", "source", "batch", "bucket", "cluster", "medoid", "to_medoid")
 """Of clusters.parquet."""

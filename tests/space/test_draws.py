@@ -56,10 +56,8 @@ def first_cluster(space: Space, runs: list[SimulatedRun], known: DrivenTraces) -
 def test_what_was_cut_out_of_one_drive_is_one_draw(space: Space) -> None:
     rows, names = space.rows, space.rows["scenario"].astype(str).tolist()
     assert scenario_draws(rows).tolist() == names
-    parts = rows.assign(recording=["a", "a", "b", *["c"] * (len(rows) - 3)])
+    parts = rows.assign(drive=["a", "a", "b", *["c"] * (len(rows) - 3)])
     assert scenario_draws(parts).tolist() == [names[0]] * 2 + [names[2]] + [names[3]] * (len(rows) - 3)
-    others = parts.assign(source=["x", *["y"] * (len(rows) - 1)])  # of one name in another source
-    assert scenario_draws(others).tolist()[:2] == names[:2]
     assert not len(scenario_draws(rows.iloc[:0]))
 
 
@@ -164,6 +162,19 @@ def test_the_unseen_share_holds_where_drives_have_kinds_of_their_own(drives: int
         rows = rng.integers(0, len(order), drives)
         kind = order[rows][:, rng.integers(0, kinds_each, 20)]
         truth = float((~np.isin(order, kind)).mean())
+        found = unseen_by_drive(kind.ravel(), np.repeat(np.arange(drives), 20))
+        held += found.low <= truth <= found.high
+    assert held >= 0.93 * 500
+
+
+@pytest.mark.parametrize("drives", [10, 20, 60, 200])
+def test_the_unseen_share_holds_where_a_rare_drive_is_all_new(drives: int) -> None:
+    """One in twenty is in the rain, with kinds of its own; all others have the same few."""
+    rng, held = np.random.default_rng(8), 0
+    for _ in range(500):
+        rain = rng.random(drives) < 0.05
+        kind = np.where(rain[:, None], 10, 0) + rng.integers(0, 4, (drives, 20))
+        truth = (0.0 if rain.any() else 0.05) + (0.95 if rain.all() else 0.0)
         found = unseen_by_drive(kind.ravel(), np.repeat(np.arange(drives), 20))
         held += found.low <= truth <= found.high
     assert held >= 0.93 * 500

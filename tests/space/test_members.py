@@ -15,13 +15,13 @@ from space.families import drawn, lasting
 from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
+from resim.jobs.space_drives import driven_traces
 from resim.jobs.space_members import (
     Simulated,
     SpaceReading,
     _of_verification,
     _runs,
     accidents,
-    driven_traces,
     one_build,
 )
 from resim.jobs.space_recordings import RecordingReader

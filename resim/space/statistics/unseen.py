@@ -51,13 +51,14 @@ def unseen_by_drive(kind: Ints, drive: Ints, confidence: float = CONFIDENCE) -> 
 
     kind, drive: numbers (K,) of each. As `unseen_share`, where what comes in one drive alone takes the place of kinds
     seen once: the share of a drive that all others do not have. Drives have kinds of their own, each of which may come
-    several times in one, and each drive is one draw. With a single drive nothing is known of the next one.
+    several times in one, and each drive is one draw: of the next one all may be new, as far as so many drives alike
+    leave it open. With a single drive nothing is known of the next one.
     """
     kinds, which = np.unique(kind, return_inverse=True)
     pairs = np.unique(np.stack([which, drive]), axis=1)
     drives = np.bincount(pairs[0], minlength=len(kinds))[which]
     alone = drive[drives == 1]
-    spread = spread_of(np.unique(alone, return_counts=True)[1])
+    spread = max(spread_of(np.unique(one, return_counts=True)[1]) for one in (alone, drive))
     return _interval(float(len(alone)), float((drives == 2).sum()), float(len(kind)), spread, confidence)
 
 
