@@ -366,7 +366,7 @@ def test_scenarios_of_a_drive_that_is_held_out_do_not_predict_it() -> None:
     held = [SimulatedRun(key, key, "f-1", "", 0.0, False) for key in keys[:60]]
     members = judged_members(own, [], [], scenarios, 0.7)
     assert held_out_calibration(own, members, "f-1", held, scenarios).unknown == 0
-    pairs = replace(own, rows=own.rows.assign(recording=[f"r{k % 60}" for k in range(120)]))
+    pairs = replace(own, rows=own.rows.assign(drive=[f"r{k % 60}" for k in range(120)]))
     assert held_out_calibration(pairs, members, "f-1", held, scenarios).unknown == 60
 
 
