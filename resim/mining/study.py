@@ -27,6 +27,7 @@ from resim.mining.cutting import AROUND, NEAR, CutSource
 from resim.mining.extraction import ExtractedScenario, extract
 from resim.mining.features import Features, features
 from resim.mining.find import find_maneuvers
+from resim.mining.labels.speed import STANDING
 from resim.mining.maneuver import LabelledManeuver
 from resim.mining.overview import overview_frame
 from resim.mining.own_labels import MiningRules
@@ -82,6 +83,8 @@ class MinedPart:
         files: SHA-256 of its files, by their paths in the study's folder; in `part.json` alone.
         ego_hours: Hours [h] on lanes of the recording's own EGO.
         ego_kilometres: Its kilometres [km] on lanes.
+        standing_hours: Of `hours`, those [h] in which vehicles stand.
+        ego_standing_hours: Of `ego_hours` likewise.
         ego: Its id.
         build: The build that drove it, None where a person did or nobody says.
         build_hash: Hash of that build.
@@ -110,6 +113,8 @@ class MinedPart:
     files: Mapping[str, str] = field(default_factory=dict)
     ego_hours: float | None = None
     ego_kilometres: float | None = None
+    standing_hours: float | None = None
+    ego_standing_hours: float | None = None
     ego: str | None = None
     build: str | None = None
     build_hash: str | None = None
@@ -341,6 +346,10 @@ def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[s
     same = np.diff(samples.piece_of) == 0
     dt = np.where(same & on[1:], np.diff(samples.t), 0.0)
     way = np.where(same & on[1:], np.hypot(np.diff(samples.x), np.diff(samples.y)), 0.0)
+    stands = np.zeros(len(dt))
+    for one in mined.maneuvers:
+        if one.label == STANDING:
+            stands[one.start : one.end] = dt[one.start : one.end]
     vehicles = samples.kinds(VEHICLES)
     own = samples.owner[:-1] == samples.tracks.index(mined.recording.ego)
     per_ego = Counter(one.ego for one in mined.scenarios)
@@ -359,6 +368,7 @@ def summary(mined: MinedRecording, name: str, folder: str, follows_from: tuple[s
         egos=tuple(counts.get(k, 0) for k in range(max(counts, default=-1) + 1)),
         lifetime=float((last - first)[drives].mean()) if drives.any() else None,
         ego_hours=float(dt[own].sum()) / 3600.0, ego_kilometres=float(way[own].sum()) / 1000.0,
+        standing_hours=float(stands.sum()) / 3600.0, ego_standing_hours=float(stands[own].sum()) / 3600.0,
         ego=mined.recording.ego, build=mined.recording.build, build_hash=mined.recording.build_hash,
         ended=_broke_off(mined.recording), collided=_collided(mined.recording), map=map_folder(mined.recording.map),
     )  # fmt: skip

@@ -26,7 +26,7 @@ class SourceEntry:
         egos: `every` vehicle once, or each recording's `own` EGO.
         trigger: What its scenarios were cut out for.
         rules: Hash of the thresholds that it was mined with, "" for those that ship.
-        hours: h that EGOs drove on lanes; NaN where nobody says.
+        hours: h that EGOs drove on lanes, without those in which they stand; NaN where nobody says.
         kilometres: km likewise.
         scenarios: How many are in the space.
         occasions: How many there are if those that see the same maneuvers are one.

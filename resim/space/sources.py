@@ -34,7 +34,7 @@ class DrivenRecording:
 
     Attributes:
         name: Its name in the mined folder.
-        hours: h that EGOs drove on lanes in it; NaN where nobody says.
+        hours: h that EGOs drove on lanes in it, without those in which they stand; NaN where nobody says.
         kilometres: km likewise.
         map: Name and beginning of the hash of its map, "" where nobody says.
         ego: Id of the recording's own EGO.
@@ -153,12 +153,10 @@ def read_mined(folder: Path) -> MinedSource:
 
 def _driven(part: Mapping[str, Any], egos: str) -> DrivenRecording:
     own = egos == "own"
-    hours, way = (
-        part.get("ego_hours" if own else "hours"),
-        part.get("ego_kilometres" if own else "kilometres"),
-    )
+    of = "ego_" if own else ""
+    hours, stands, way = (part.get(f"{of}{name}") for name in ("hours", "standing_hours", "kilometres"))
     return DrivenRecording(
-        str(part["recording"]), math.nan if hours is None else float(hours),
+        str(part["recording"]), math.nan if hours is None or stands is None else max(float(hours) - float(stands), 0.0),
         math.nan if way is None else float(way), part.get("map") or "", part.get("ego") or "",
         part.get("build_hash") or (UNKNOWN_BUILD if part.get("build") else ""), str(part["tracks"]),
         f"{part['traffic']} {part.get('ego') if own else ''}", content=str(part["content"]),

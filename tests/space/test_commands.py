@@ -213,6 +213,28 @@ def test_a_copy_of_a_drive_under_another_name_does_not_count_twice(tmp_path: Pat
         job.build([mined[0], tmp_path / "mined"], tmp_path / "space")
 
 
+def test_hours_in_which_the_ego_stands_are_none(tmp_path: Path) -> None:
+    """Else a car that is left standing would make every rate as small as one likes."""
+    t = np.arange(0.0, 40.0, 0.1)
+    still = np.random.default_rng(1).normal(0.0, 0.02, len(t))
+    x = np.stack([100.0 + 20.0 * np.minimum(t, 10.0) + still, 50.0 + 15.0 * t])
+    v = np.stack([np.where(t < 10.0, 20.0, 0.0), np.full(len(t), 15.0)])
+    zero = np.zeros((2, len(t)))
+    lanes = zero + np.array([[-1.75], [-5.25]])
+    tracks = Tracks(
+        t=t, ids=np.array(["ego", "a"]), kind=np.array(["car", "car"]), x=x, y=lanes, heading=zero, v=v,
+        length=np.full(2, 4.7), width=np.full(2, 1.9), valid=np.ones((2, len(t)), bool),
+    )  # fmt: skip
+    road = write_straight(tmp_path / "straight.xodr")
+    write_recording(Recording("r", road, "ego", tracks, 10.0), tmp_path / "r")
+    accepted = ("OVERLAP",)
+    for around, driven in (("surroundings", 10.0), (None, 50.0)):
+        out = tmp_path / str(around)
+        mine([tmp_path / "r"], out, MineOptions(write=False, around=around, accept=accepted))
+        (one,) = read_mined(out).recordings
+        assert one.hours == pytest.approx(driven / 3600.0, rel=0.05)
+
+
 @pytest.mark.parametrize("last", [8.0, 4.96, 4.8])
 def test_a_collision_in_no_scenario_is_an_accident_of_the_build(tmp_path: Path, last: float) -> None:
     """The EGO drives into a standing car 5 s after its begin, which is recorded, or recorded up to there, or not."""
