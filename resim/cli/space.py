@@ -185,13 +185,10 @@ def release(
             f"{counted(len(found.forbidding), 'cluster')} forbid it; without them {left.clusters} are left: {enough}"
         )
     for one in found.plan[:3]:
-        what = (
-            f"drive {one.amount:.3g} h more"
-            if one.what == "drive"
-            else f"simulate {one.amount:g} of {one.medoid}"
-        )
         first = f" (first {one.first})" if one.first else ""
-        say(f"next: {what}: at most {one.after:.3g} accidents an hour in place of {one.before:.3g}{first}")
+        say(
+            f"next: {one.task}: at most {one.after:.3g} accidents an hour in place of {one.before:.3g}{first}"
+        )
     for note in found.notes:
         say(f"note: {note}")
     say(f"{out}: release.html, release.json")

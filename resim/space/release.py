@@ -69,6 +69,7 @@ def _plan(space: Space, case: ReleaseCase) -> tuple[PlannedTest, ...]:
         PlannedCluster(
             name, medoids[name], int(drives[name]),
             sum(one.others for one in case.risks[name].draws) if name in case.risks else int(count[name]),
+            held_out_missing(case.risks[name], case.calibration) if name in case.risks else 0,
         )
         for name in case.names
     ]  # fmt: skip

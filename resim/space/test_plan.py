@@ -22,16 +22,17 @@ class PlannedTest:
     """A proposal.
 
     Attributes:
-        what: `drive` more hours on the road, or `simulate` scenarios of a cluster of which no member counts yet.
+        what: `drive` more hours on the road, `simulate` scenarios of a cluster of which no member counts yet, or
+            `hold out` other drives, by which its risk is calibrated.
         cluster: Of which; "" for drives.
         medoid: Its test case.
-        amount: Hours, or scenarios: all that the cluster has.
+        amount: Hours; scenarios: all that the cluster has; drives of such a risk that are missing, at least.
         before: Upper limit of accidents an hour now, apart from what happened in no scenario.
         after: The same if all goes as so far: no new kind seen once beyond what is expected, the same mean risk.
         first: What has to come before it, "" for nothing.
     """
 
-    what: Literal["drive", "simulate"]
+    what: Literal["drive", "simulate", "hold out"]
     cluster: str
     medoid: str
     amount: float
@@ -39,14 +40,25 @@ class PlannedTest:
     after: float
     first: str
 
+    @property
+    def task(self) -> str:
+        """What to do, in words."""
+        if self.what == "drive":
+            return f"drive {self.amount:.3g} h more"
+        if self.what == "hold out":
+            return f"hold out {self.amount:g} more drives with such a risk as {self.medoid}"
+        return f"simulate {self.amount:g} scenarios of which no member counts, as {self.medoid}"
+
 
 class PlannedCluster(NamedTuple):
-    """A cluster with its test case: in how many drives it was, and of how many scenarios no member counts."""
+    """A cluster with its test case: in how many drives it was, of how many scenarios no member counts, and how many
+    drives have to be held out until its risk can be believed."""
 
     name: str
     medoid: str
     drives: int
     left: int
+    held_out: int
 
 
 def test_plan(
@@ -64,12 +76,17 @@ def test_plan(
     out = [PlannedTest("drive", "", "", hours, before, _doubled(exposed, risks, asked, whole), "")]
     alpha = (1.0 - limits.confidence) / 3.0 / len(clusters)
     for k, one in enumerate(clusters):
-        if not one.left:
+        if not one.left and not one.held_out:
             continue
         better = _all_simulated(risks[k], alpha, one.drives, limits.least_drives)
         changed = [*risks[:k], better, *risks[k + 1 :]]
         after = expected_accidents(exposed, changed, hours, limits.confidence, whole).high
+        if not one.left:
+            out.append(PlannedTest("hold out", one.name, one.medoid, float(one.held_out), before, after, ""))
+            continue
         first = "" if risks[k].known else "verify a test drive near its test case, and calibrate risk"
+        if one.held_out:
+            first += f": hold out {one.held_out} more drives with such a risk"
         out.append(PlannedTest("simulate", one.name, one.medoid, float(one.left), before, after, first))
     ranked = sorted(out, key=lambda one: (one.after, one.what, one.cluster))
     return tuple(one for one in ranked if one.after < before)[:MOST]

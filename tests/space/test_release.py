@@ -142,6 +142,21 @@ def test_with_too_little_data_it_says_what_to_do(seen: Space) -> None:
     assert {one.what for one in every.plan} == {"drive"}
 
 
+def test_the_plan_says_how_many_drives_have_to_be_held_out(seen: Space, tmp_path: Path) -> None:
+    few = reliability(np.zeros(12), np.zeros(12))
+    found = decided(seen, members(seen, 40, 0.0), limits(0.3), few)
+    held = [one for one in found.plan if one.what == "hold out"]
+    assert {one.amount for one in held} == {8.0}
+    assert held[0].after < held[0].before
+    none = decided(seen, members(seen, 40, 0.0), limits(0.3), None)
+    assert {one.amount for one in none.plan if one.what == "hold out"} == {20.0}
+    write_release_page(found, None, tmp_path)
+    assert "hold out 8 more drives with such a risk as" in (tmp_path / "release.html").read_text()
+    both = decided(seen, members(seen, 35, 0.0), limits(0.3), few)
+    assert any("hold out" in one.first for one in both.plan if one.what == "simulate")
+    assert not any(one.what == "hold out" for one in decided(seen, members(seen, 40, 0.0), limits(0.3)).plan)
+
+
 @pytest.mark.parametrize("per_hour", [0.05, 1.0, 20.0])
 def test_the_hours_that_are_missing_are_those_in_which_nothing_new_comes(per_hour: float) -> None:
     few = ExposedScenarios(np.array([0, 0, 0, 1]), np.arange(4), np.arange(4), 2)

@@ -117,8 +117,7 @@ def _remaining(found: ReleaseReport) -> Markup:
 
 def _plan(found: ReleaseReport) -> Markup:
     rows = [
-        [str(k), f"drive {number(one.amount)} h more" if one.what == "drive" else
-         f"simulate {one.amount:g} scenarios of which no member counts, as {one.medoid}", one.cluster or "–",
+        [str(k), one.task, one.cluster or "–",
          number(one.after), f"{100.0 * (1.0 - one.after / one.before):.3g}\u00a0%" if np.isfinite(one.before) else "–",
          one.first]
         for k, one in enumerate(found.plan, start=1)
