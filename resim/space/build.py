@@ -327,7 +327,7 @@ def _entry(source: MinedSource, name: str, batch: int) -> SourceEntry:
         {one.name: one.tracks for one in source.recordings if one.tracks},
         {one.name: one.traffic for one in source.recordings if one.traffic},
         {one.name: one.content for one in source.recordings if one.content}, source.failed, _accidents(source),
-        _driven_by(source),
+        _driven_by(source), {one.name: (one.hours, one.kilometres) for one in source.recordings},
     )  # fmt: skip
 
 

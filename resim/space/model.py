@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from resim.core.geometry import Floats
 from resim.space.report import SourceEntry
 from resim.space.settings import SpaceSettings
 from resim.space.sources import ROWS
@@ -60,8 +61,24 @@ class Space:
 
     @property
     def driven(self) -> tuple[float, float]:
-        """Hours and kilometres that were driven, NaN where a source does not say."""
-        return sum(one.hours for one in self.sources), sum(one.kilometres for one in self.sources)
+        """Hours and kilometres that were driven, NaN where a source does not say. What is one drive counts once."""
+        whole = [
+            sum(told) for told in zip(*((one.hours, one.kilometres) for one in self.sources), strict=True)
+        ]
+        hours, kilometres = (float(told) for told in np.array(whole or [0.0, 0.0]) - self._repeated)
+        return hours, kilometres
+
+    @cached_property
+    def _repeated(self) -> Floats:
+        """Hours and kilometres (2,) of recordings that are a drive again: of each drive, all but the longest."""
+        told = {(one.name, name): length for one in self.sources for name, length in one.lengths.items()}
+        every = self.rows[["source", "recording", "drive"]].astype(str).drop_duplicates()
+        again = every[every["drive"].duplicated(keep=False)]
+        lengths = [told.get(key, (0.0, 0.0)) for key in zip(again["source"], again["recording"], strict=True)]
+        by_drive = pd.DataFrame(np.array(lengths, dtype=float).reshape(-1, 2)).groupby(
+            again["drive"].to_numpy()
+        )
+        return np.asarray((by_drive.sum() - by_drive.max()).sum(), dtype=float)
 
     @cached_property
     def unsure(self) -> NDArray[np.bool_]:

@@ -38,6 +38,7 @@ class SourceEntry:
         failed: Recordings that could not be mined: what happened in them is not known.
         accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
         driven_by: By hash of the build, h that its test drives lasted; "" for all others.
+        lengths: h and km of each of its recordings, by name.
     """
 
     name: str
@@ -60,6 +61,7 @@ class SourceEntry:
     failed: tuple[str, ...]
     accidents: Mapping[str, int]
     driven_by: Mapping[str, NumberOrNan]
+    lengths: Mapping[str, tuple[NumberOrNan, NumberOrNan]]
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from resim.jobs.space_drives import _find_repeated
 from resim.space.build import build_space, grow_space
 from resim.space.draws import drive_numbers
 from resim.space.limits import ReleaseLimits
+from resim.space.release import release_checks
 from resim.space.release_case import release_case
 from resim.space.repeated_drives import merged, same_traffic
 from resim.space.sources import MinedSource
@@ -58,13 +59,31 @@ def test_a_drive_that_is_there_again_is_one_draw(how: str) -> None:
     again = of_drive("again", list(range(6)), **AGAIN[how])
     for whole in (build_space([day, night, again]), grow_space(build_space([day, night]), [again])):
         assert drive_numbers(whole.rows).tolist() == [0] * 6 + [1] * 6 + [0] * 6
-    whole, alone = build_space([day, night, again]), build_space([day, night])
-    limits = ReleaseLimits.model_validate(
-        {"name": "t", "least_seen": 0.9, "least_seen_source": "t",
-         "limit": [{"per": "hour", "accidents": 1.0, "source": "t"}]}
-    )  # fmt: skip
-    high = [release_case(one, None, limits).accidents("hour").high for one in (whole, alone)]
-    assert high[0] >= high[1] - 1e-9  # no better by what is there twice
+
+
+LIMITS = ReleaseLimits.model_validate(
+    {"name": "t", "least_seen": 0.9, "least_seen_source": "t",
+     "limit": [{"per": "hour", "accidents": 1.0, "source": "t"}]}
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_there_again_makes_nothing_better(seed: int) -> None:
+    """Not even a quiet drive that is there ten times, in whose hours next to nothing happens."""
+    rng = np.random.default_rng(seed)
+    seeds = [list(range(100 * k, 100 * k + int(rng.integers(1, 9)))) for k in range(5)]
+    drives = [of_drive(f"d{k}", own) for k, own in enumerate(seeds)]
+    twice, times = seeds[int(rng.integers(5))], int(rng.integers(1, 5))
+    again = [
+        of_drive(f"again{k}", twice, begin=float(rng.uniform(0.05, 2.0)), noise=0.02) for k in range(times)
+    ]
+    whole, alone = build_space([*drives, *again]), build_space(drives)
+    assert len(set(drive_numbers(whole.rows).tolist())) == 5
+    assert whole.driven == pytest.approx(alone.driven)
+    found, before = (release_case(space, None, LIMITS) for space in (whole, alone))
+    assert found.accidents("hour").high >= before.accidents("hour").high - 1e-9
+    checks = [release_checks(case, {"hour": case.accidents("hour")})[0] for case in (found, before)]
+    assert checks[0].low <= checks[1].low + 1e-9
 
 
 def test_other_drives_are_other_draws() -> None:
