@@ -30,10 +30,10 @@ folder = "scenarios/cut_in_brake"
 """
 DEMO_NOTE = (
     "This lake fills while you look. On a machine that never ran resim, the first tasks compile it, which takes "
-    "a minute or two."
+    "about a minute."
 )
-DEMO_JOBS = 2
-"""Tasks of the demo at once: the first ones compile different kernels, which takes longest."""
+DEMO_JOBS = 4
+"""Tasks of the demo at once: where one waits for what another one compiles, the next one has the core."""
 NEEDED = ("starlette", "uvicorn", "jinja2", "psutil")
 
 
@@ -94,7 +94,7 @@ def serve(
         at = ServeAddress(host, port, allow_remote, certificate, proxy)
         work = TaskSettings(tasks, jobs)
         if demo:
-            work = TaskSettings(tasks, max(jobs, min(DEMO_JOBS, os.cpu_count() or 1)), DEMO_NOTE)
+            work = TaskSettings(tasks, max(jobs, DEMO_JOBS), DEMO_NOTE)
         _serve(given, at, work, no_open)
 
 

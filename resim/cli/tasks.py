@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,13 +17,22 @@ if TYPE_CHECKING:
     from resim.results.queue import QueuedTask
 
 tasks = typer.Typer(
-    help="Tasks of the Supervisor (`resim serve`): list, cancel, pause, repeat or reorder them, and see their logs.",
+    help="Tasks of the Supervisor (`resim serve`): add, list, cancel, pause, repeat or reorder them, and see logs.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
 app.add_typer(tasks, name="tasks")
 SHORT = 6
 """Digits of an id that are shown."""
+
+
+class Priority(StrEnum):
+    """As `resim.results.queue.PRIORITIES`."""
+
+    HIGH = "high"
+    NORMAL = "normal"
+    LOW = "low"
+
 
 Task = Annotated[str, typer.Argument(metavar="ID", help="Id of the task, or its first four or more digits.")]
 
@@ -38,7 +50,43 @@ def list_(
     for one in found:
         say(_line(one))
     if not found:
-        say("no tasks; `resim serve` starts them")
+        say("no tasks; `resim tasks add` and the pages of `resim serve` put some in")
+
+
+@command(tasks, context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False})
+def add(
+    words: Annotated[
+        list[str],
+        typer.Argument(metavar="COMMAND...", help="As it is called here, without `resim` before it."),
+    ],
+    priority: Annotated[Priority, typer.Option(help="Tasks of a higher one come first.")] = Priority.NORMAL,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--tasks", help="Folder for logs and results of tasks; default: tasks in the user's data folder."
+        ),
+    ] = None,
+) -> None:
+    """Put a command into the queue, for `resim serve` on this machine: `resim tasks add run DRIVE --build BUILD`.
+
+    Results go where the command says, else into the task's folder.
+    """
+    from resim.cli.task_calls import task_call
+    from resim.jobs.lake import the_catalog
+    from resim.jobs.tasks import add_task
+    from resim.results.audit import noted_command
+    from resim.results.database import data_folder
+    from resim.results.queue import new_id
+
+    name = new_id()
+    home = (folder or data_folder() / "tasks").absolute() / name
+    form, call = task_call(words, home)
+    with noted_command(f"/jobs/{form.name}", [("command", shlex.join(call))]):
+        added = add_task(
+            the_catalog(), name, home, form.name, call, again=form.again, priority=priority.value
+        )
+    add_to_json(**_told(added))
+    say(_line(added))
 
 
 @command(tasks)
@@ -84,6 +132,14 @@ def first(task: Task) -> None:
 
 
 @command(tasks)
+def priority(
+    task: Task, level: Annotated[Priority, typer.Argument(help="Tasks of a higher one come first.")]
+) -> None:
+    """Give a task that waits or pauses another priority."""
+    _steer(task, level.value, "neither waits nor pauses")
+
+
+@command(tasks)
 def earlier(task: Task) -> None:
     """Let a task that waits change places with the one before."""
     _steer(task, "earlier", "does not wait, or is the first one")
@@ -114,14 +170,15 @@ def _steer(task: str, act: str, too_late: str) -> None:
 def _told(one: QueuedTask) -> dict[str, object]:
     return {
         "id": one.id, "job": one.job, "state": _state(one), "command": [*one.call], "folder": one.folder,
-        "host": one.host, "priority": one.priority, "attempt": one.attempt, "code": one.code, "told": one.told,
+        "host": one.host, "priority": one.urgency, "attempt": one.attempt, "code": one.code, "told": one.told,
     }  # fmt: skip
 
 
 def _line(one: QueuedTask) -> str:
     names = " ".join(word.rsplit("/", 1)[-1] for word in one.words if word.startswith("/"))
     why = f": {one.told}" if one.told and one.state in ("failed", "lost", "bad") else ""
-    return visible(f"{one.id[:SHORT]} {one.job} {names}: {_state(one)}{why}".replace(" :", ":"))
+    urgency = f", {one.urgency} priority" if one.priority and one.state in ("waiting", "paused") else ""
+    return visible(f"{one.id[:SHORT]} {one.job} {names}: {_state(one)}{urgency}{why}".replace(" :", ":"))
 
 
 def _state(one: QueuedTask) -> str:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 
-from numba import boolean, float64, int64, njit, types
+from numba import boolean, float64, int64, types
+
+from resim.core.compiled import entry, inner
 
 VECTOR = types.Array(float64, 1, "A", readonly=True)
 TABLE = types.Array(float64, 2, "A", readonly=True)
@@ -18,12 +20,7 @@ NO_LEAD = math.inf
 """m; the gap to none."""
 
 
-def entry(*arguments):
-    """Compile for these arguments at import, which is before any function's time limit runs."""
-    return njit(arguments, cache=True, error_model="numpy")
-
-
-@njit(error_model="numpy")
+@inner
 def time_to_collision(gap, closing, lead_a):
     """Give the time [s] until the gap [m] is gone, at this closing speed [m/s] and the lead's braking [m/s²]."""
     braking = max(-lead_a, 0.0)
@@ -32,7 +29,7 @@ def time_to_collision(gap, closing, lead_a):
     return (-closing + math.sqrt(closing * closing + 2.0 * braking * gap)) / braking
 
 
-@njit(error_model="numpy")
+@inner
 def _remembered(known, v, t, last, cycle, smoothing):
     """The acceleration [m/s²] of an object from the speeds seen: known (3,) goes on (`mind`)."""
     t0, v0, a0 = t - cycle, v, 0.0
@@ -43,10 +40,10 @@ def _remembered(known, v, t, last, cycle, smoothing):
     return a
 
 
-@entry(
+@entry((
     KEYS, TABLE, TABLE, TABLE, TABLE, TABLE, TABLE, VECTOR, VECTOR, types.UniTuple(float64, 5), float64[:, :, ::1],
     types.UniTuple(float64, 2), float64[:, ::1],
-)  # fmt: skip
+))  # fmt: skip
 def mind(key, s, d, v_s, v_d, half_length, half_width, v, offset, how, known, when, out):
     """Fill out (4, B) of the vehicle to mind: the gap to it [m], NO_LEAD without one, its speed [m/s] and acceleration
     [m/s²], and how soon [s] the gap is gone.
@@ -76,7 +73,7 @@ def mind(key, s, d, v_s, v_d, half_length, half_width, v, offset, how, known, wh
             out[3, b] = time_to_collision(out[0, b], v[b] - out[1, b], out[2, b])
 
 
-@entry(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, types.UniTuple(float64, 4), float64[::1])
+@entry((VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, FLAGS, types.UniTuple(float64, 4), float64[::1]))
 def follow(v, desired, gap, lead_v, lead_a, hard, limits, out):
     """Fill out (B,) with accelerations [m/s²]: towards the desired speed, bounded by the gap ahead.
 
@@ -100,7 +97,7 @@ def follow(v, desired, gap, lead_v, lead_a, hard, limits, out):
             out[b] = max(min(out[b], -1.1 * needed), -hardest)
 
 
-@entry(VECTOR, VECTOR, VECTOR, VECTOR, TABLE, float64[::1])
+@entry((VECTOR, VECTOR, VECTOR, VECTOR, TABLE, float64[::1]))
 def steer(v, d, turn, bend, aim, out):
     """Fill out (B,) with the curvatures [1/m] that bring EGOs back, critically damped at 0.8 rad/s at any speed.
 
@@ -114,7 +111,7 @@ def steer(v, d, turn, bend, aim, out):
         out[b] = bend[b] + (aim[2, b] - omega * omega * off - 2.0 * omega * slant) / (fast * fast)
 
 
-@entry(float64, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64[:, :, ::1], float64[:, :, ::1])
+@entry((float64, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64[:, :, ::1], float64[:, :, ::1]))
 def plan(t, v, a, s, d, ahead, left, out, places):
     """Fill in times [s] and speeds [m/s] of plans out (B, K, 4), and places (2, B, K): s and d [m] on the paths by
     then.

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from resim.core.errors import InputError
 from resim.core.files import read_file
 from resim.core.watched import LOG
 from resim.results.catalog import Catalog
-from resim.results.queue import QueuedTask, TaskQueue
+from resim.results.queue import PRIORITIES, QueuedTask, TaskQueue
 
 MOST_WAITING = 10_000
 """Tasks that may wait or pause."""
-HIGHEST = 1_000_000
 
 
 def check_room(queue: TaskQueue, what: str) -> None:
@@ -38,19 +38,15 @@ def _retry(queue: TaskQueue, name: str) -> bool:
     return queue.retry(name)
 
 
-def _first(queue: TaskQueue, name: str) -> bool:
-    highest = max((t.priority for t in queue.unfinished() if t.state == "waiting"), default=0)
-    return queue.prioritise(name, min(highest + 1, HIGHEST))
-
-
 ACTS: Mapping[str, Callable[[TaskQueue, str], bool]] = {
     "cancel": TaskQueue.cancel,
     "pause": TaskQueue.pause,
     "resume": TaskQueue.resume,
     "retry": _retry,
-    "first": _first,
+    "first": TaskQueue.put_first,
     "earlier": lambda queue, name: queue.move(name, -1),
     "later": lambda queue, name: queue.move(name, 1),
+    **{called: partial(TaskQueue.prioritise, priority=number) for called, number in PRIORITIES.items()},
 }
 """What may be done with a task; each says whether there was anything to do."""
 
@@ -70,6 +66,38 @@ def list_tasks(catalog: Catalog, *, ended: int = 20) -> list[QueuedTask]:
     """
     queue = TaskQueue(catalog)
     return [*queue.unfinished(), *queue.ended(0, ended)]
+
+
+def add_task(
+    catalog: Catalog,
+    name: str,
+    folder: Path,
+    job: str,
+    words: Sequence[str],
+    *,
+    again: Sequence[str] = (),
+    priority: str = "normal",
+) -> QueuedTask:
+    """Put a call of the command line into the queue, which a Supervisor on this machine does.
+
+    Args:
+        catalog: In whose database the queue is.
+        name: Id of the task, of `resim.results.queue.new_id`.
+        folder: Of its log, and of results that go nowhere else.
+        job: What it is, by the name of its form.
+        words: The command line after `resim`, with whole paths.
+        again: Words that a further attempt has besides.
+        priority: One of PRIORITIES.
+
+    Returns:
+        The task.
+
+    Raises:
+        InputError: There is no room, or the database cannot be used.
+    """
+    queue = TaskQueue(catalog)
+    check_room(queue, job)
+    return queue.add(name, job, words, str(folder), again, priority=PRIORITIES[priority])
 
 
 def read_task_log(catalog: Catalog, wanted: str) -> str:

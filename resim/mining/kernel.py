@@ -12,7 +12,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from resim.core.compiled import entry, inner
 
 CONTINUES, CROSSES, BREAKS = 0, 1, 2
 """How a sample follows the one before: on the lane's way, over a border into another lane, or from anywhere."""
@@ -31,8 +32,6 @@ FARTHEST = 18.0
 """m between them up to which a vehicle may have gone from one to the other between two samples."""
 ALIKE = 0.6
 """rad up to which lanes that no link joins run the same way."""
-
-compiled = njit(cache=True, error_model="numpy")
 
 
 class LaneGraph(NamedTuple):
@@ -85,7 +84,7 @@ class DrivenSamples(NamedTuple):
     whole: np.ndarray
 
 
-@compiled
+@inner
 def reaches(graph, ahead, a, b, far):
     """Say whether row a is b, or leads to it (ahead, or back) over rows of up to `far` [m] together."""
     if a == b:
@@ -109,7 +108,7 @@ def reaches(graph, ahead, a, b, far):
     return False
 
 
-@compiled
+@inner
 def passed(graph, a, with_a, b, far):
     """Give how many lanes to the left of the driver (right: negative) b lies of a's way, 0 for on it, 99 for nowhere.
 
@@ -139,13 +138,13 @@ def passed(graph, a, with_a, b, far):
     return 99
 
 
-@compiled
+@inner
 def turned(angle):
     """Bring an angle [rad] into one turn around 0."""
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
-@compiled
+@inner
 def between(graph, lanes, a, b, dx, dy):
     """Give kind, lanes passed to the left and cost of going from candidate a to candidate b, which lie dx, dy apart."""
     if lanes.row[a] == lanes.row[b] and lanes.with_lane[a] == lanes.with_lane[b]:
@@ -170,7 +169,7 @@ def between(graph, lanes, a, b, dx, dy):
     return CROSSES, 1 if off > 0.0 else -1, JUMP + CROSSING
 
 
-@compiled
+@inner
 def extend(graph, lanes, samples, last, k, way):
     """Find the cheapest way to each candidate of sample k from those of sample `last`, -1 for none before."""
     for b in range(lanes.first[k], lanes.first[k + 1]):
@@ -188,7 +187,7 @@ def extend(graph, lanes, samples, last, k, way):
         way.total[b], way.back[b] = least + own, best
 
 
-@compiled
+@entry()
 def choose(graph, lanes, samples, followed):
     """Choose for each sample with candidates the one on the cheapest way of its object (Viterbi); give it or -1 (K,).
 
@@ -227,7 +226,7 @@ def choose(graph, lanes, samples, followed):
     return chosen
 
 
-@compiled
+@entry()
 def slopes(t, values, first, half):
     """Give the slopes (K,) of values (K,) over t (K,) [s]: a straight line through up to half[p] samples to each side.
 
@@ -253,7 +252,7 @@ def slopes(t, values, first, half):
     return out
 
 
-@compiled
+@entry()
 def swings(values, first, least):
     """Give the samples (W, 2) at which values (K,) have done 0.3 and 0.7 of each way of `least` or more, up or down.
 
@@ -286,7 +285,7 @@ def swings(values, first, least):
     return out[:count]
 
 
-@compiled
+@inner
 def _add_swing(out, count, values, begin, end):
     """Add the samples by which values, on their way from one extreme to the other, have done 0.3 and 0.7 of it."""
     size = values[end] - values[begin]
@@ -300,7 +299,7 @@ def _add_swing(out, count, values, begin, end):
     return count + 1
 
 
-@compiled
+@entry()
 def within_rises(t, values, first, least, within):
     """Mark the samples (K,) that lie in a time of up to `within` in which values (K,) over t (K,) rise by over `least`.
 
@@ -319,7 +318,7 @@ def within_rises(t, values, first, least, within):
     return out
 
 
-@compiled
+@entry()
 def overlaps(step_first, order, boxes, one, two):
     """Fill pairs of samples of one step whose boxes overlap or touch (separating axes); give how many there are.
 

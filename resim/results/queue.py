@@ -10,7 +10,7 @@ import json
 import platform
 import secrets
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any, Literal
@@ -31,6 +31,7 @@ PAUSING = "it is being stopped, to go on later"
 """What is told of a task that runs and is to pause."""
 LEAST = 4
 """Digits of an id that name a task."""
+PRIORITIES: Mapping[str, int] = {"high": 1, "normal": 0, "low": -1}
 MOST_LOSSES = 2
 """How often a task begins anew by itself after its process was killed."""
 
@@ -73,6 +74,11 @@ class QueuedTask:
         return self.stop and self.told == PAUSING
 
     @property
+    def urgency(self) -> str:
+        """The name of its priority."""
+        return "high" if self.priority > 0 else "low" if self.priority < 0 else "normal"
+
+    @property
     def call(self) -> tuple[str, ...]:
         """The command line of the attempt that is made now."""
         return (*self.words, *(self.again if self.attempt > 1 else ()))
@@ -94,14 +100,21 @@ class TaskQueue:
         self._catalog, self.host = catalog, host or platform.node()
 
     def add(
-        self, name: str, job: str, words: Sequence[str], folder: str, again: Sequence[str] = ()
+        self,
+        name: str,
+        job: str,
+        words: Sequence[str],
+        folder: str,
+        again: Sequence[str] = (),
+        *,
+        priority: int = 0,
     ) -> QueuedTask:
-        """Put a task in, behind all others. name: its id, of `new_id`; folder: its own."""
+        """Put a task in, behind all others of its priority. name: its id, of `new_id`; folder: its own."""
         now = time.time()
         row = {
             "id": name, "job": job, "words": [*words], "again": [*again], "folder": folder, "host": self.host,
-            "state": "waiting", "priority": 0, "place": now, "created": now, "attempt": 0, "losses": 0, "server": "",
-            "beat": 0.0, "stop": False, "told": "", "changed": now,
+            "state": "waiting", "priority": priority, "place": now, "created": now, "attempt": 0, "losses": 0,
+            "server": "", "beat": 0.0, "stop": False, "told": "", "changed": now,
         }  # fmt: skip
         with self._begun() as connection:
             connection.execute(insert(TASK).values(row))
@@ -177,15 +190,22 @@ class TaskQueue:
         return self._change(name, ("paused",), state="waiting")
 
     def retry(self, name: str) -> bool:
-        """Let a task that ended wait again, behind all others. Says whether it was one."""
+        """Let a task that ended wait again, behind all others of its priority. Says whether it was one."""
         now = time.time()
         return self._change(
             name, ENDED, state="waiting", place=now, ended=None, begun=None, losses=0, stop=False, code=None, told=""
         )  # fmt: skip
 
     def prioritise(self, name: str, priority: int) -> bool:
-        """Let a task that waits come before all of a smaller priority. Says whether it waits."""
-        return self._change(name, ("waiting",), priority=priority)
+        """Let a task that waits or pauses come before all of a smaller priority. Says whether it was one."""
+        return self._change(name, ("waiting", "paused"), priority=priority)
+
+    def put_first(self, name: str) -> bool:
+        """Let a task that waits come before all others, with the priority of the first one. Says whether it waits."""
+        front = next((t for t in self.unfinished() if t.state == "waiting"), None)
+        if front is None:
+            return False
+        return self._change(name, ("waiting",), priority=front.priority, place=front.place - 1.0)
 
     def move(self, name: str, by: int) -> bool:
         """Let a task that waits change places with the one before (by < 0) or behind. Says whether there was one."""

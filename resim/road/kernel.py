@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import boolean, float64, int64, njit, types
+from numba import boolean, float64, int64, types
+
+from resim.core.compiled import entry, inner
 
 TRIES, TINY = 12, 1e-9
 TABLE = types.Array(float64, 2, "C", readonly=True)
@@ -17,12 +19,7 @@ SEEN = types.Array(float64, 2, "A", readonly=True)
 SEEN_ROW = types.Array(float64, 1, "A", readonly=True)
 
 
-def entry(*arguments):
-    """Compile for these arguments at import, which is before any function's time limit runs."""
-    return njit(arguments, cache=True, error_model="numpy")
-
-
-@entry(TABLE, int64, float64, float64)
+@entry((TABLE, int64, float64, float64))
 def foot(table, i, x, y):
     """Give s, d, the tangent tx, ty, the segment, and whether it is the right one, of a point sought from segment i.
 
@@ -51,7 +48,7 @@ def foot(table, i, x, y):
     return s + f * step, d, tx, ty, i, found
 
 
-@njit(error_model="numpy")
+@inner
 def _nearest(score, x, y):
     """The segment whose middle is nearest, whence the right one is a step or none away."""
     best, least = 0, math.inf
@@ -62,7 +59,7 @@ def _nearest(score, x, y):
     return best
 
 
-@entry(TABLE, TABLE, SEEN_ROW, SEEN_ROW)
+@entry((TABLE, TABLE, SEEN_ROW, SEEN_ROW))
 def project(table, score, x, y):
     """Give (2, N) s and d of points x, y (N,); table and score: as in `track`."""
     out = np.empty((2, x.size))
@@ -71,7 +68,7 @@ def project(table, score, x, y):
     return out
 
 
-@entry(TABLE, TABLE, int64, float64, float64)
+@entry((TABLE, TABLE, int64, float64, float64))
 def track(table, score, i, x, y):
     """Give s, d, the heading [rad] and the segment of a moving point; i: the segment that it had before, or -1.
 
@@ -86,7 +83,7 @@ def track(table, score, i, x, y):
     return s, d, math.atan2(ty, tx), i
 
 
-@entry(TABLE, TABLE, int64[:, ::1], int64[::1], TABLE, float64[:, ::1])
+@entry((TABLE, TABLE, int64[:, ::1], int64[::1], TABLE, float64[:, ::1]))
 def track_all(tables, scores, spans, segments, places, out):
     """Fill out (3, B) with s, d and heading of B points, each by its own table: the rows of spans (B, 2) of the tables.
 
@@ -98,11 +95,11 @@ def track_all(tables, scores, spans, segments, places, out):
         out[0, b], out[1, b], out[2, b], segments[b] = track(tables[own], scores[own], segments[b], x, y)
 
 
-@entry(
+@entry((
     TABLE, TABLE, int64[:, ::1], int64[:, ::1], TABLE, types.Array(int64, 1, "A", readonly=True),
     types.Array(int64, 2, "A", readonly=True), SEEN, SEEN, SEEN, SEEN, SEEN, SEEN, SEEN, float64, float64, float64,
     float64, float64[::1], float64[:, :, ::1], int64[:, ::1],
-)  # fmt: skip
+))  # fmt: skip
 def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, v, length, width, z_ego,
           above, rise, behind, near, s, out, keys):  # fmt: skip
     """Find the objects of B lists along B paths: fill out (6, B, M) with s from the EGO's, d [m] on the path, speeds
@@ -143,9 +140,9 @@ def along(tables, scores, spans, segments, ego, count, key, x_ego, y_ego, turn, 
             out[4, b, k], out[5, b, k] = 0.5 * length[b, one], 0.5 * width[b, one]
 
 
-@entry(
+@entry((
     boolean[:, ::1], float64[:, ::1], float64[::1], float64, float64, boolean[:, ::1],
-)  # fmt: skip
+))  # fmt: skip
 def taken(there, between, went, corner, sample, known):
     """Fill known (S, K) with the steps of a route that a drive can be on at each sample; give the first sample at which
     there is none, K where there always is (`resim.road.driven_route`).
@@ -166,7 +163,9 @@ def taken(there, between, went, corner, sample, known):
                     break
             begun, latest = True, went[k]
         elif some:
-            before[:], begun = at, False
+            begun = False
+            for step in range(steps):
+                before[step] = at[step]
             for step in range(steps):
                 at[step] = False
                 for other in range(steps):
@@ -179,11 +178,12 @@ def taken(there, between, went, corner, sample, known):
         for step in range(steps - 1):  # where one lies on the next, it is on both
             if there[step + 1, k] and at[step]:
                 at[step + 1] = True
-        known[:, k] = at
+        for step in range(steps):
+            known[step, k] = at[step]
     return count
 
 
-@entry(TABLE, float64[::1], float64[::1])
+@entry((TABLE, float64[::1], float64[::1]))
 def positions(table, s, d):
     """Give (2, N) the map positions x, y [m] at s (N,), d (N,) metres to the left; table: as in `foot`."""
     out = np.empty((2, s.size))

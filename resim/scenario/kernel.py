@@ -15,7 +15,8 @@ import math
 from collections import namedtuple
 
 import numpy as np
-from numba import njit
+
+from resim.core.compiled import entry, inner
 
 REACH = 16
 """Knots to both sides of one beyond which its spline is 0: 0.27 to the power of 16."""
@@ -34,9 +35,6 @@ HEADING_OFF = 0.5
 BEND_V, BEND_HEADING = 10.0, 0.5
 """m/s³, rad/s²; how much second derivatives of what drives are, a priori."""
 
-compiled = njit(cache=True, error_model="numpy")
-inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""Of what is called from here alone."""
 
 Measured = namedtuple("Measured", "t place heading v nodes grid before own half")
 """The samples (T,): times, positions x + iy, headings, speeds; the rule of `resim.scenario.trace.Quadrature`.
@@ -65,6 +63,19 @@ def _widths(knots):
 
 
 @inner
+def _first(values, least):
+    """Give the first place in values (N,), which rise, with least or more: numpy's takes three seconds to compile."""
+    low, high = 0, len(values)
+    while low < high:
+        middle = (low + high) // 2
+        if values[middle] < least:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@inner
 def _solve(h, low, high, m):
     """Solve in place for second derivatives m of the inner knots low <= k <= high; those around them are 0."""
     above = np.empty(high - low + 1)
@@ -77,7 +88,7 @@ def _solve(h, low, high, m):
         m[k - low] -= above[k - low] * m[k - low + 1]
 
 
-@compiled
+@entry()
 def second(knots, values):
     """Give the second derivatives (K,) at the knots of the spline with these values (K,)."""
     count = len(knots)
@@ -87,7 +98,7 @@ def second(knots, values):
     h = _widths(knots)
     for k in range(1, count - 1):
         m[k] = 6.0 * ((values[k + 1] - values[k]) / h[k] - (values[k] - values[k - 1]) / h[k - 1])
-    _solve(h, 1, count - 2, m[1:-1])
+    _solve(h, np.int64(1), count - 2, m[1:-1])
     return m
 
 
@@ -206,18 +217,18 @@ def _nearest(measured, knots, ridge_bend, ridge):
     ridge_bend, ridge: weights of the squares of second derivatives and of values.
     """
     count, own = len(knots), measured.own
-    _, value, kink, bend = _columns(knots, np.zeros(count), False)
+    _, value, kink, bend = _columns(knots, np.zeros(count), bool(0))
     flat = spline(knots, np.zeros(count), measured)
     every = np.zeros((count, len(measured.t)))
     values, between = np.empty(measured.grid), np.empty(len(measured.nodes) - measured.grid)
     first, last = np.empty(count, np.int64), np.empty(count, np.int64)
     for i in range(count):
         column = (i, value[i], kink[i], bend[i])
-        _column(flat, column, flat.grid, 0, values)
+        _column(flat, column, flat.grid, np.int64(0), values)
         _column(flat, column, flat.between, measured.grid, between)
         low, high = max(i - REACH - 1, 0), min(i + REACH + 1, count - 1)
-        first[i] = np.searchsorted(measured.t, knots[low]) if low > 0 else 0
-        last[i] = np.searchsorted(measured.t, knots[high]) if high < count - 1 else len(own)
+        first[i] = _first(measured.t, knots[low]) if low > 0 else 0
+        last[i] = _first(measured.t, knots[high]) if high < count - 1 else len(own)
         for n in range(first[i], last[i]):
             even = own[n] < measured.grid  # a time and its node may lie on two sides of a knot, by a rounding
             k = own[n] - flat.grid[low] if even else own[n] - measured.grid - flat.between[low]
@@ -332,8 +343,9 @@ def _normal_equations(measured, state, move):
     cv, ch = len(v_centre), len(h_centre)
     count = cv + ch + 2
     straight, turning = np.empty((2, len(motion))), np.empty((2, len(motion)))
-    straight[0], straight[1] = direction.real, direction.imag
-    turning[0], turning[1] = -motion.imag, motion.real
+    for n in range(len(motion)):
+        straight[0, n], straight[1, n] = direction[n].real, direction[n].imag
+        turning[0, n], turning[1, n] = -motion[n].imag, motion[n].real
     sums = np.empty((2, grid))
     s0, s1, offset = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count + 1, np.int64)
     g, b = np.zeros((count, 2), np.int64), np.zeros((count, 2), np.int64)
@@ -342,7 +354,7 @@ def _normal_equations(measured, state, move):
         low, high = max(centre - REACH - 1, 0), min(centre + REACH + 1, len(own_spline.knots) - 1)
         g[i, 0], g[i, 1] = own_spline.grid[low], own_spline.grid[high]
         b[i, 0], b[i, 1] = own_spline.between[low], own_spline.between[high]
-        s0[i], s1[i] = np.searchsorted(before, g[i, 0] - 1), np.searchsorted(before, g[i, 1])
+        s0[i], s1[i] = _first(before, g[i, 0] - 1), _first(before, g[i, 1])
         if high == len(own_spline.knots) - 1:
             s1[i] = samples
         offset[i + 1] = offset[i] + s1[i] - s0[i]
@@ -355,11 +367,11 @@ def _normal_equations(measured, state, move):
         values, more = scratch[: g[i, 1] - g[i, 0]], scratch_between[: b[i, 1] - b[i, 0]]
         if i < cv:
             column = (v_centre[i], v_value[i], v_kink[i], v_bends[i])
-            _column(v, column, v.grid, 0, values)
+            _column(v, column, v.grid, np.int64(0), values)
             _column(v, column, v.between, grid, more)
         else:
             column = (h_centre[i - cv], h_value[i - cv], h_kink[i - cv], h_bends[i - cv])
-            _column(heading, column, heading.grid, 0, values)
+            _column(heading, column, heading.grid, np.int64(0), values)
             _column(heading, column, heading.between, grid, more)
             for n in range(s0[i], s1[i]):
                 k = own[n] - g[i, 0] if own[n] < grid else own[n] - grid - b[i, 0]
@@ -375,7 +387,7 @@ def _normal_equations(measured, state, move):
     for w0 in range(0, samples, WINDOW):
         window = (w0, min(w0 + WINDOW, samples))
         _add_window(window, columns, state.off, state.heading_off, normal, gradient)
-    _add_bends(0, v_bends, state.v_bend, by_v, normal, gradient)
+    _add_bends(np.int64(0), v_bends, state.v_bend, by_v, normal, gradient)
     _add_bends(cv, h_bends, state.heading_bend, by_turn, normal, gradient)
     return normal, gradient
 
@@ -556,7 +568,7 @@ def _solve_positive(matrix, right):
     return True
 
 
-@compiled
+@entry()
 def even(measured, segments):
     """Give knots and values of speed, the same of heading, and the start x + iy [m], with evenly spaced knots and the
     measured speed and heading.
@@ -573,7 +585,7 @@ def even(measured, segments):
     return knots, right[0].copy(), knots, right[1].copy(), measured.place[0]
 
 
-@compiled
+@entry()
 def split(t, splines, error):
     """Give splines and start (as `even`) after halving the segment with the largest squared error along the motion
     (error (T,), real) or across it (imaginary) at times t (T,), of a long trace one a PIECE.
@@ -591,11 +603,12 @@ def _moved(knots, values, delta, first, move):
     if not move or count < 3:
         return knots, values + delta[first : first + count], first + count
     there = knots.copy()
-    there[1:-1] += delta[first + count : first + 2 * count - 2]
+    for k in range(1, count - 1):
+        there[k] += delta[first + count + k - 1]
     return apart(there), values + delta[first : first + count], first + 2 * count - 2
 
 
-@compiled
+@entry()
 def improved(measured, splines, noise, rounds, move):
     """Take up to `rounds` Levenberg-Marquardt steps from splines and start (as `even`), with `move` of knots as well.
 
@@ -612,7 +625,7 @@ def improved(measured, splines, noise, rounds, move):
             for k in range(len(delta)):
                 damped[k, k] += damping * (normal[k, k] + 1e-9)
             if _solve_positive(damped, delta):
-                v, p_v, first = _moved(state.v, state.p_v, delta, 0, move)
+                v, p_v, first = _moved(state.v, state.p_v, delta, np.int64(0), move)
                 heading, p_heading, first = _moved(state.heading, state.p_heading, delta, first, move)
                 start = state.start + complex(delta[first], delta[first + 1])
                 trial = _evaluated(measured, (v, p_v, heading, p_heading, start), noise)

@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from resim.core.compiled import entry, inner
 
 SLOTS = 8
 AWAY = 1e9
 """m: where nobody is."""
-
-compiled = njit(cache=True, error_model="numpy", nogil=True)
 
 
 class SlotSamples(NamedTuple):
@@ -57,7 +56,7 @@ class PairMeasure(NamedTuple):
     unequal: float
 
 
-@compiled
+@inner
 def slots(of, i, j, count, weights):
     """Give the sum of the slot distances of `count` scenes from i and from j on (Wagner 2021, 6.2.3.1 and 6.2.3.2).
 
@@ -80,7 +79,7 @@ def slots(of, i, j, count, weights):
     return (((a0 + a1) + (a2 + a3)) + ((a4 + a5) + (a6 + a7))) / weights.longest
 
 
-@compiled
+@inner
 def beside(of, i, j, weights):
     """Give what the weights add to the distance of two scenes: speeds, lane, bend."""
     total = 0.0
@@ -99,7 +98,7 @@ def beside(of, i, j, weights):
     return total
 
 
-@compiled
+@inner
 def common(of, a, b, weights):
     """Give the mean distance of two scenarios' scenes over their common time (Wagner 2021, 6.2.3.3)."""
     i, j = of.first[a], of.first[b]
@@ -111,7 +110,7 @@ def common(of, a, b, weights):
     return total / count
 
 
-@compiled
+@inner
 def warped(of, a, b, weights, window, row):
     """Give the mean distance along the cheapest alignment in time of two scenarios.
 
@@ -136,7 +135,7 @@ def warped(of, a, b, weights, window, row):
     return row[n % 2, m] / (n + m)
 
 
-@compiled
+@inner
 def pair(of, a, b, how, row):
     """Give the distance of two scenarios. row: scratch (2, M + 1)."""
     n, m = of.first[a + 1] - of.first[a], of.first[b + 1] - of.first[b]
@@ -147,7 +146,7 @@ def pair(of, a, b, how, row):
     return found + how.unequal * abs(n - m) / max(n, m)
 
 
-@compiled
+@entry(nogil=True)
 def triangle(of, how, ends, out):
     """Fill out with the distances of scenarios a from ends[0] to ends[1] to all later ones, row by row."""
     count, k = len(of.first) - 1, 0
@@ -158,7 +157,7 @@ def triangle(of, how, ends, out):
             k += 1
 
 
-@compiled
+@entry(nogil=True)
 def between(of, ones, others, how, out):
     """Fill out (A, B) with the distances of scenarios ones (A,) to others (B,)."""
     row = np.empty((2, longest(of) + 1))
@@ -167,7 +166,7 @@ def between(of, ones, others, how, out):
             out[n, m] = pair(of, ones[n], others[m], how, row)
 
 
-@compiled
+@inner
 def longest(of):
     """Give the scenes of the longest scenario."""
     most = 0
@@ -176,7 +175,7 @@ def longest(of):
     return most
 
 
-@compiled
+@entry(nogil=True)
 def sums(condensed, count, order, start):
     """Give sums (K,) of the distances of each scenario to those of its own cluster, and the largest (K,).
 
@@ -195,7 +194,7 @@ def sums(condensed, count, order, start):
     return total, most
 
 
-@compiled
+@entry(nogil=True)
 def mean_to_clusters(condensed, count, label, clusters):
     """Give the sums (K, C) of the distances of each scenario to those of each cluster. label (K,): 0 to C - 1."""
     out = np.zeros((count, clusters))

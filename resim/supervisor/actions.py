@@ -10,7 +10,7 @@ from pathlib import Path
 from starlette.requests import Request
 
 from resim.core.errors import InputError
-from resim.jobs.tasks import ACTS, check_room
+from resim.jobs.tasks import ACTS, add_task
 from resim.results.queue import new_id
 from resim.supervisor.forms import FormError, FormField, command_line
 from resim.supervisor.parts import Supervisor
@@ -22,8 +22,6 @@ def start(supervisor: Supervisor, request: Request) -> str:
     form = supervisor.forms.get(request.path_params["job"])
     if form is None:
         raise MissingError("There is no such job.")
-    with _told_in_form():
-        check_room(supervisor.queue, form.name)
     name = new_id()
     folder = supervisor.settings.tasks / name
 
@@ -34,7 +32,8 @@ def start(supervisor: Supervisor, request: Request) -> str:
             raise FormError(f"{field.name}: {e}") from e
 
     words = command_line(form, request.state.form, path_of, folder)
-    supervisor.queue.add(name, form.name, words, str(folder), form.again)
+    with _told_in_form():
+        add_task(supervisor.catalog, name, folder, form.name, words, again=form.again)
     return f"/tasks/{name}"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pwd
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from resim.results.catalog import Catalog
 from resim.results.database import data_folder
 from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
 from resim.results.queue import TaskQueue
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -53,6 +56,74 @@ def test_tasks_are_listed_and_steered(catalog: Catalog, call: Call) -> None:
     ):  # fmt: skip
         code, _, err = call("tasks", *words)
         assert (code, why in " ".join(err.split())) == (2, True), (words, err)
+
+
+def test_tasks_of_a_higher_priority_come_first(catalog: Catalog, call: Call) -> None:
+    queue = TaskQueue(catalog)
+    for name in ("aaaa0000aaaa0000", "bbbb0000bbbb0000", "cccc0000cccc0000"):
+        queue.add(name, "check", ("check",), f"/tasks/{name}")
+    for words, expected in (
+        (("priority", "cccc", "high"), "cab"), (("priority", "aaaa", "low"), "cba"), (("pause", "cccc"), "cba"),
+        (("priority", "cccc", "low"), "cba"), (("resume", "cccc"), "bac"), (("first", "cccc"), "cba"),
+        (("priority", "aaaa", "high"), "acb"), (("priority", "aaaa", "normal"), "cab"),
+    ):  # fmt: skip
+        assert call("tasks", *words)[0] == 0
+        assert "".join(name[0] for name, _ in order(call)) == expected, words
+    claimed = [queue.claim("server") for _ in range(3)]
+    assert [one and one.id[0] for one in claimed] == ["c", "a", "b"]
+    assert call("tasks", "priority", "aaaa", "high")[0] == 2  # it runs
+    assert call("tasks", "priority", "aaaa", "soon")[0] == 2
+
+
+def words_of(call: Call, *words: object) -> list[str]:
+    code, out, err = call("tasks", "add", *words)
+    assert code == 0, err
+    found = json.loads(call("tasks", "list", "--json")[1])["tasks"]
+    told: list[str] = max(found, key=lambda one: out.startswith(one["id"][:6]))["command"]
+    return told
+
+
+def test_a_command_is_put_into_the_queue(
+    catalog: Catalog, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(ROOT / "scenarios" / "cut_in_brake", "drives/a b")
+    for shipped in ("adfunc", "networks"):
+        shutil.copytree(ROOT / shipped, shipped)
+    Path("traffic.json").write_text("{}", "utf-8")
+    home, here, build = data_folder() / "tasks", str(tmp_path), "adfunc/builds/highway_pilot-1.0.toml"
+    words = words_of(
+        call, "--priority", "high", "run", "drives/a b", "--seed=7", "--build", build, "--no-stop-at-collision",
+        "--traffic", "traffic.json",
+    )  # fmt: skip
+    (task,) = TaskQueue(catalog).unfinished()
+    assert (task.job, task.priority, task.folder) == ("run", 1, str(home / task.id))
+    assert (words[0], words[-2:]) == ("run", ["--", f"{here}/drives/a b"])
+    assert {*words[1:-2]} == {
+        f"--out={home / task.id / 'result'}", "--seed=7", f"--build={here}/{build}", "--no-stop-at-collision",
+        f"--traffic={here}/traffic.json",
+    }  # fmt: skip
+    sweep = ROOT / "scenarios/sweeps/perception_latency.toml"
+    for given, job in (
+        (("check", "drives/a b"), "check"), (("check", "drives/a b", "--fix", "b"), "repair"),
+        (("verify", "--replay", "v"), "replay"),
+        (("verify", ROOT / "scenarios/suites/highway.toml", "--build", build), "verify"),
+        (("sweep", "run", sweep), "sweep"), (("sweep", "run", "--dry-run", sweep), "sweep-estimate"),
+        (("export", "osi", "drives/a b"), "export-osi"),
+        (("import", "mcity", "drives"), "import-mcity"), (("space", "grow", "a", "b"), "space-grow"),
+    ):  # fmt: skip
+        words_of(call, *given)
+        assert TaskQueue(catalog).unfinished()[-1].job == job
+    trail = (data_folder() / "audit.jsonl").read_text().splitlines()
+    assert json.loads(trail[1])["action"] == "/jobs/run"
+    count = len(TaskQueue(catalog).unfinished())
+    for given, why in (
+        (("frob", "a"), "is no job of tasks"), (("run",), "Missing argument"), (("serve",), "is no job of tasks"),
+        (("run", "drives/a b", "--sed", "1"), "--seed"), (("run", "drives/a b", "--seed", "x"), "--seed"),
+    ):  # fmt: skip
+        code, _, err = call("tasks", "add", *given)
+        assert (code, why in " ".join(err.split())) == (2, True), (given, err)
+    assert len(TaskQueue(catalog).unfinished()) == count
 
 
 def test_the_log_of_a_task_is_printed(catalog: Catalog, call: Call, tmp_path: Path) -> None:

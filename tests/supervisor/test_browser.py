@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import shutil
+import subprocess
+import sys
 import threading
 import zipfile
 from collections.abc import Callable, Iterator
@@ -16,6 +19,7 @@ from typing import Any
 import pytest
 from browsed import chromium, too_faint
 from calling import called
+from conftest import Call
 from supervised import PAGES, waited
 
 from resim.recordings.content import content_hash
@@ -394,6 +398,48 @@ def test_two_builds_are_compared_and_a_number_is_traced_to_its_origin(
         names = archive.namelist()
     assert "ro-crate-metadata.json" in names
     assert any(name.endswith("cut_in_brake/gt.csv") for name in names)
+
+
+@pytest.mark.slow
+def test_what_a_command_put_in_is_done_and_traced_to_all_that_it_came_from(
+    opened: Callable[..., Any], served: Callable[..., Any], call: Call, tmp_path: Path
+) -> None:
+    drive, build = ROOT / "scenarios" / "cut_in_brake", ROOT / "adfunc" / "builds" / "highway_pilot-1.0.toml"
+    model, criteria = (
+        ROOT / "adfunc" / "perception" / "latency.json",
+        ROOT / "scenarios" / "criteria" / "highway.toml",
+    )
+    _, address, token = served(ROOT / "scenarios", ROOT / "adfunc", ROOT / "networks")
+    page = opened(address, token)
+    wait_for_scan(page)
+    words = ("run", drive, "--build", build, "--perception", model, "--criteria", criteria, "--seed", "11")
+    added = json.loads(call("tasks", "add", "--json", "--tasks", tmp_path / "tasks", *words)[1])
+    page.goto(f"{page.home}/tasks/{added['id']}")
+    page.locator("a:text-is('Its result')").click(timeout=120_000)
+    page.wait_for_url("**/results/*")
+    result = page.url
+    page.locator("details:has-text('Versions')").click()
+    told = page.inner_text("main")
+    assert re.search(r"seed 11\b", told)
+    for package in ("libsumo", "numpy", "resim"):
+        assert re.search(rf"{package} \d", told), package
+    for role, name in (
+        ("recording", drive.name), ("build", "highway_pilot"), ("perception", "latency"), ("criteria", "highway"),
+        ("map", "proving_ground"),
+    ):  # fmt: skip
+        page.goto(result)
+        page.locator(f"tr:has(td:text-is('{role}')) th a").first.click()
+        page.wait_for_url(lambda url: url != result)
+        assert name in page.inner_text("h1"), (role, page.url)
+    page.goto(result)
+    again = shlex.split(page.locator("code", has_text="resim run").first.inner_text())
+    made = subprocess.run(
+        [sys.executable, "-m", *again], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert made.returncode == 1, made.stderr  # its verdict is bad, as that of the corner case is
+    first = tmp_path / "tasks" / added["id"] / "result"
+    for name in ("tracks.parquet", "kpis.parquet", "plans.parquet"):
+        assert (tmp_path / "again" / name).read_bytes() == (first / name).read_bytes()
 
 
 MANY = f"""

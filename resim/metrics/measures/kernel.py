@@ -10,18 +10,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from resim.core.compiled import entry, inner
 from resim.core.geometry import Floats
 
 PARTS = 16
 SLOW = 0.05  # m/s up to which somebody stands
 SMALL = 0.05  # rad; below it the series of `_integrals` is exact to 1e-12
 BULGE = 4.0 / 27.0  # the most that a cubic Hermite strays from its chord, per metre of tangent error
-
-compiled = njit(error_model="numpy")
-entry = njit(cache=True, error_model="numpy")
-"""The same, for what is called from outside."""
 
 
 def plain(*arrays: Floats) -> list[Floats]:
@@ -31,30 +27,30 @@ def plain(*arrays: Floats) -> list[Floats]:
     return [np.require(array, float, ("C", "W")) for array in arrays]
 
 
-@compiled
+@inner
 def _wrap(angle):
     return math.pi - (math.pi - angle) % (2.0 * math.pi)
 
 
-@compiled
+@inner
 def _hermite(f, p0, m0, p1, m1):
     f2, f3 = f * f, f * f * f
     return (2 * f3 - 3 * f2 + 1) * p0 + (f3 - 2 * f2 + f) * m0 + (3 * f2 - 2 * f3) * p1 + (f3 - f2) * m1
 
 
-@compiled
+@inner
 def _share(f):
     """f in [0, 1], NaN as it is."""
     return 0.0 if f < 0.0 else 1.0 if f > 1.0 else f
 
 
-@compiled
+@inner
 def _above(x):
     """x, 0 at least, NaN as it is."""
     return 0.0 if x < 0.0 else x
 
 
-@compiled
+@inner
 def _place(a, b, f, tangents, beyond, out):
     """Put into out (4,) x, y and heading at share f from a to b with tangents [m]; `beyond` [m] straight on.
 
@@ -66,7 +62,7 @@ def _place(a, b, f, tangents, beyond, out):
     out[2] = a[2] + f * _wrap(b[2] - a[2])
 
 
-@compiled
+@inner
 def _turned(path, out):
     """Put into out (M + 1, 5 or more) x, y, heading of a path (M + 1, 4), and its heading's cosine and sine."""
     for j in range(len(path)):
@@ -74,7 +70,7 @@ def _turned(path, out):
         out[j, 3], out[j, 4] = math.cos(path[j, 2]), math.sin(path[j, 2])
 
 
-@compiled
+@inner
 def _integrals(turn, t):
     """Real and imaginary parts of I0 = ∫ e^(i w s) ds and I1 = ∫ s e^(i w s) ds over 0..t, with turn = w t."""
     half = 0.5 * turn
@@ -87,7 +83,7 @@ def _integrals(turn, t):
     return x0, y0, x1, t * t * turn * (1 / 3 - square * (1 / 30 - square / 840))
 
 
-@entry
+@entry()
 def ctra(state, t):
     """See `motion.ctra`."""
     out = np.empty((*t.shape, 4))
@@ -108,7 +104,7 @@ def ctra(state, t):
     return out
 
 
-@entry
+@entry()
 def straight(state, t):
     """See `motion.straight`."""
     out = np.empty((*t.shape, 4))
@@ -121,17 +117,18 @@ def straight(state, t):
     return out
 
 
-@entry
+@entry()
 def turned(path):
     """Give paths (P, M + 1, 4) as (P, M + 1, 6): x, y, heading, its cosine and sine, v."""
     out = np.empty((path.shape[0], path.shape[1], 6))
     for p in range(path.shape[0]):
         _turned(path[p], out[p])
-        out[p, :, 5] = path[p, :, 3]
+        for n in range(path.shape[1]):
+            out[p, n, 5] = path[p, n, 3]
     return out
 
 
-@entry
+@entry()
 def sample(turned, rows, step, t):
     """See `motion.sample`, of the paths in these rows (P,) of `turned`."""
     last = turned.shape[1] - 1
@@ -148,7 +145,7 @@ def sample(turned, rows, step, t):
     return out
 
 
-@compiled
+@inner
 def _direction(path, first):
     """Which way a path (M + 1, 4) goes at point `first`, 1 or -1, and the last point till which it goes that way.
 
@@ -165,7 +162,7 @@ def _direction(path, first):
     return side, until
 
 
-@entry
+@entry()
 def along(path, s, v):
     """See `motion.along`."""
     last = path.shape[1] - 1
@@ -195,7 +192,7 @@ def along(path, s, v):
     return out
 
 
-@compiled
+@inner
 def _entry(start, end, headings, size_a, size_b, slack):
     """Share at which boxes of fixed headings first touch while b goes straight, as seen from a; inf: never.
 
@@ -229,14 +226,14 @@ def _entry(start, end, headings, size_a, size_b, slack):
     return low
 
 
-@compiled
+@inner
 def _overlap(a, b, size_a, size_b):
     """Whether boxes touch (separating axes); NaN never does."""
     off = (b[0] - a[0], b[1] - a[1])
     return _entry(off, off, (a[2], b[2]), size_a, size_b, 0.0) == 0.0
 
 
-@compiled
+@inner
 def _of_step(a, b, j, h, size_a, size_b):
     """Share of step j at which contact of motions a, b (N, 4) begins; inf: none."""
     a0, a1, b0, b1 = a[j], a[j + 1], b[j], b[j + 1]
@@ -269,7 +266,7 @@ def _of_step(a, b, j, h, size_a, size_b):
     return math.inf
 
 
-@entry
+@entry()
 def first_contact(a, b, h, size_a, size_b):
     """See `contact.first_contact`: step by step until they touch, the circles around the boxes first."""
     out = np.full(a.shape[0], math.inf)
@@ -294,7 +291,7 @@ def first_contact(a, b, h, size_a, size_b):
     return out
 
 
-@compiled
+@inner
 def _corner_to_box(dx, dy, heading, turn, own, other):
     """Square of the distance [m²] from the nearest corner of a box of size `own`, at dx, dy from another and turned
     against it, to that other of size `other` with this heading.
@@ -313,7 +310,7 @@ def _corner_to_box(dx, dy, heading, turn, own, other):
     return best
 
 
-@entry
+@entry()
 def distance(a, b, size_a, size_b):
     """See `contact.distance`."""
     out = np.empty(a.shape[:2])
@@ -333,7 +330,7 @@ def distance(a, b, size_a, size_b):
     return out
 
 
-@entry
+@entry()
 def least_shift(a, b, reach):
     """Give the fewest steps (P,) between a at one place and b within reach (P,) [m] of it; inf: never.
 

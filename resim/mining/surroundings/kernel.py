@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from resim.core.compiled import entry, inner
 
 LONG = 128
 """Rows of a way ahead or back at most."""
@@ -17,8 +18,6 @@ SAME = 1e-9
 """m that make no difference at the borders of slots."""
 OWN, LEFT, RIGHT = 0, 1, 2
 """What of a row is looked at: it and those beside it, or it alone as the lane to the left or right."""
-
-compiled = njit(cache=True, error_model="numpy")
 
 
 class SamplesByStep(NamedTuple):
@@ -92,7 +91,7 @@ class Looking(NamedTuple):
     run: np.ndarray
 
 
-@compiled
+@inner
 def looking(rows):
     """Give empty scratch for so many rows."""
     return Looking(
@@ -101,7 +100,7 @@ def looking(rows):
     )  # fmt: skip
 
 
-@compiled
+@inner
 def group(steps, step, on, look):
     """Note where the samples of each row begin and end in a step."""
     for i in range(steps.first[step], steps.first[step + 1]):
@@ -111,14 +110,14 @@ def group(steps, step, on, look):
         look.high[r] = i + 1
 
 
-@compiled
+@inner
 def ungroup(steps, step, on, look):
     """Forget it."""
     for i in range(steps.first[step], steps.first[step + 1]):
         look.low[on.row[steps.order[i]]] = -1
 
 
-@compiled
+@inner
 def leads(ways, ahead, row, other):
     """Say whether row leads to the other at once, ahead or back."""
     first = ways.after_first if ahead else ways.before_first
@@ -129,7 +128,7 @@ def leads(ways, ahead, row, other):
     return found
 
 
-@compiled
+@inner
 def beyond(steps, on, ways, look, k, least):
     """Give the nearest sample up to `least` [m] away on any way on from the row in look, and its distance [m].
 
@@ -153,7 +152,7 @@ def beyond(steps, on, ways, look, k, least):
     return best, least
 
 
-@compiled
+@inner
 def next_ahead(steps, on, runs, ways, look, i):
     """Give the next sample ahead of the i-th in order up to look.offset[-1] [m] away, -1 for none, and the distance."""
     k, far = steps.order[i], look.offset[-1]
@@ -177,7 +176,7 @@ def next_ahead(steps, on, runs, ways, look, i):
     return -1, far
 
 
-@compiled
+@entry()
 def leaders(steps, on, runs, ways, far, found):
     """Give the distance (K,) [m] to the next sample ahead on the lane's way up to `far` [m] away, NaN for none, and
     fill found (K,) with it.
@@ -199,7 +198,7 @@ def leaders(steps, on, runs, ways, far, found):
     return distance
 
 
-@compiled
+@inner
 def station(ways, row, s):
     """Give metres along the centre of a row at s [m] of its road, as `MinedLanes.station`."""
     first, count = ways.node[row], ways.node[row + 1] - ways.node[row]
@@ -210,7 +209,7 @@ def station(ways, row, s):
     return along if ways.forward[row] else ways.length[row] - along
 
 
-@compiled
+@inner
 def take(k, j, far, slot, rank, held):
     """Give a slot to a sample that is nearer than who has it, or as near and of the lower id."""
     other = held.samples[k, slot]
@@ -221,7 +220,7 @@ def take(k, j, far, slot, rank, held):
     held.samples[k, slot], held.offsets[k, slot] = j, far
 
 
-@compiled
+@inner
 def slot_of(far, side, borders):
     """Give the slot (0 to 7) of who is `far` [m] ahead in the own lane or on a side, -1 for none."""
     if far > borders.ahead + SAME or far < -borders.behind - SAME:
@@ -233,7 +232,7 @@ def slot_of(far, side, borders):
     return base + 1 if near else base if far < 0.0 else base + 2
 
 
-@compiled
+@inner
 def look_at(steps, on, ways, look, top, k_held_borders):
     """Put those on the row at `top`, and beside it, into the slots of sample k."""
     k, held, borders = k_held_borders
@@ -254,7 +253,7 @@ def look_at(steps, on, ways, look, top, k_held_borders):
                 take(k, j, far, slot, on.rank, held)
 
 
-@compiled
+@inner
 def push(ways, look, top, row, ahead, edge):
     """Note the rows that a row leads to, ahead or back; edge: where it ends, m from the EGO. Give the new top."""
     first = ways.after_first if ahead else ways.before_first
@@ -267,7 +266,7 @@ def push(ways, look, top, row, ahead, edge):
     return top
 
 
-@compiled
+@inner
 def go_on(runs, ways, look, top, ahead, borders):
     """Note the rows that come after the one at `top`, on the track as far as it shows them. Give the new top."""
     here, offset, mode, run = look.row[top], look.offset[top], look.mode[top], look.run[top]
@@ -294,7 +293,7 @@ def go_on(runs, ways, look, top, ahead, borders):
     return now
 
 
-@compiled
+@entry()
 def hold(steps, on, runs, ways, borders, held):
     """Fill who holds the slots of each sample.
 

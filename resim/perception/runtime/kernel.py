@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from resim.core.compiled import entry, inner
 
 Q = 6
 """Quantities with errors, in the order of QUANTITIES."""
@@ -37,12 +38,8 @@ LOST, DETECTED, FRESH = range(3)
 
 _FULL = 2.0 * math.pi
 
-compiled = njit(error_model="numpy")
-entry = njit(cache=True, error_model="numpy")
-"""The same, for what is called from outside."""
 
-
-@entry
+@entry()
 def remember(past, maneuver, k, position, heading, v, ego_heading, braked, lane_change):
     """Write sample k of past (PAST_ROWS, T, N) and of maneuver (B, T, N), one after the last.
 
@@ -58,7 +55,7 @@ def remember(past, maneuver, k, position, heading, v, ego_heading, braked, lane_
         past[X, k, n], past[Y, k, n], past[V, k, n] = position[n].real, position[n].imag, v[n]
 
 
-@compiled
+@inner
 def _maneuver(across, gained, braked, lane_change):
     """`resim.scenario.maneuvers.momentary` of one object."""
     if gained < braked:
@@ -68,7 +65,7 @@ def _maneuver(across, gained, braked, lane_change):
     return RIGHT if across < -lane_change else FOLLOW
 
 
-@entry
+@entry()
 def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego, listed, length, width, rows,
              row, errors, least_size, drift, edges, detected, bins, state, reach, opening, limits, seen, who,
              counts):  # fmt: skip
@@ -127,7 +124,7 @@ def perceive(past, maneuver, end, weights, span, settled, direction, set_of, ego
     return total
 
 
-@compiled
+@inner
 def _look_back(past, maneuver, end, weights, span, settled, direction, set_of):
     """Give which set of parameters objects have (N,), and what they were by that: places (N,) x + iy [m] in the map,
     and (3, N) speeds [m/s], accelerations [m/s²] and headings [rad] without jumps of a turn.
@@ -150,7 +147,7 @@ def _look_back(past, maneuver, end, weights, span, settled, direction, set_of):
     return chosen, places, late
 
 
-@compiled
+@inner
 def _weighted(samples, window, row, n, one, what):
     """The weighted sum of the last samples of an object.
 
@@ -164,7 +161,7 @@ def _weighted(samples, window, row, n, one, what):
     return total
 
 
-@compiled
+@inner
 def _go_on(drift, n, table, random):
     """The standardised drifts of an object, a step later."""
     for q in range(Q):
@@ -174,7 +171,7 @@ def _go_on(drift, n, table, random):
         drift[q, n] = table[KEEP, q] * drift[q, n] + push
 
 
-@compiled
+@inner
 def _error(q, features, table, drift, noise):
     """The error of quantity q: its bias, its drift and its noise, whose spreads grow with the features."""
     distance, bearing, pace, a = features
@@ -186,7 +183,7 @@ def _error(q, features, table, drift, noise):
     return error + noise * _spread(features, table, NOISE_SPREAD + q)
 
 
-@compiled
+@inner
 def _spread(features, table, row):
     """A standard deviation (`resim.perception.model.Spread`)."""
     distance, bearing, pace, a = features
@@ -196,7 +193,7 @@ def _spread(features, table, row):
     )  # fmt: skip
 
 
-@compiled
+@inner
 def _bin(edges, row, value):
     """How many of the inner edges are not above the value."""
     found = 0
@@ -205,7 +202,7 @@ def _bin(edges, row, value):
     return found
 
 
-@compiled
+@inner
 def _beyond(features, ego_v, limits):
     """1 where a feature or the EGO's speed is outside of its limits."""
     for k in range(4):
@@ -214,7 +211,7 @@ def _beyond(features, ego_v, limits):
     return 1 if ego_v < limits[4, 0] or ego_v > limits[4, 1] else 0
 
 
-@compiled
+@inner
 def _hidden(places, heading, ego_heading, length, width, bins):
     """`occlusion`, if there are bins of it to tell apart."""
     if bins > 1:
@@ -222,7 +219,7 @@ def _hidden(places, heading, ego_heading, length, width, bins):
     return np.zeros(places.size)
 
 
-@entry
+@entry()
 def localise(ego, rows, errors):
     """Add errors (R, 4) ahead, to the left [m], of heading [rad], of speed [m/s] to rows (R,) of ego (B, 6)."""
     for k in range(rows.size):
@@ -235,7 +232,7 @@ def localise(ego, rows, errors):
         ego[b, 3] += faster
 
 
-@entry
+@entry()
 def drifts(drift, keep, push, normals):
     """Fill rows of drift (K + 1, P) from the first on: keep (P,) times the one before, and push (P,) times normals
     (K, P or more).
@@ -245,7 +242,7 @@ def drifts(drift, keep, push, normals):
             drift[k + 1, p] = keep[p] * drift[k, p] + push[p] * normals[k, p]
 
 
-@entry
+@entry()
 def occlusion(places, heading, ego_heading, length, width):
     """Give (N,) the share of each box's angle, seen from the EGO's centre, that nearer boxes cover.
 
@@ -270,7 +267,7 @@ def occlusion(places, heading, ego_heading, length, width):
     return hidden
 
 
-@compiled
+@inner
 def _arc(place, turn, length, width):
     """Distance [m] of a box, and the middle and the half [rad] of the angle that it takes; pi with the EGO inside."""
     distance, bearing = math.hypot(place.real, place.imag), math.atan2(place.imag, place.real)
@@ -286,7 +283,7 @@ def _arc(place, turn, length, width):
     return distance, bearing + 0.5 * (low + high), half
 
 
-@compiled
+@inner
 def _insert(low, high, count, begin, end):
     """Put an interval among `count` others that are in order."""
     k = count
@@ -296,7 +293,7 @@ def _insert(low, high, count, begin, end):
     low[k], high[k] = begin, end
 
 
-@compiled
+@inner
 def _covered(low, high, count, half):
     """The share of -half..half that intervals cover together, which are in order."""
     covered, reached = 0.0, -half

@@ -8,12 +8,11 @@ What is compiled is kept on disk by the source of this module alone, so it takes
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-_entry = njit(cache=True, error_model="numpy")
+from resim.core.compiled import entry
 
 
-@_entry
+@entry()
 def whiten(y, known, keep, sd, variance, out):
     """Fill the innovations (R, T, C) of known samples; keep, sd, variance: (R, T)."""
     rows, samples, columns = y.shape
@@ -36,7 +35,7 @@ def whiten(y, known, keep, sd, variance, out):
             p -= gain * sd[r, k] * p
 
 
-@_entry
+@entry()
 def predict(y, known, kept, which, sd, noise, variance, squared):
     """Fill the variance of each innovation (B, R, T), and its square over it. kept: (U, R, T), by `which` (B,)."""
     for b in range(sd.shape[0]):
@@ -58,7 +57,7 @@ def predict(y, known, kept, which, sd, noise, variance, squared):
                     p -= gain * gained
 
 
-@_entry
+@entry()
 def add(terms, known, total):
     """Fill minus the sum (B, R) of the terms (B, R, T) of known samples, in their order."""
     for b in range(terms.shape[0]):

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from resim.core.compiled import entry, inner
 
 X, Y, HEADING, V, A, YAW_RATE, STEERING, SLIP = range(8)
 """Columns of a state (`resim.simulation.vehicles.model.VehicleState`)."""
@@ -20,19 +21,15 @@ GRAVITY = 9.81
 LONGEST = 0.01
 """s; of one step of the integration."""
 
-compiled = njit(error_model="numpy")
-entry = njit(cache=True, error_model="numpy")
-"""The same, for what is called from outside."""
 
-
-@entry
+@entry()
 def kinematic(states, commands, dt, car):
     """Move vehicles by the kinematic model for dt [s]: states (B, 8) in place, commands (B, 2), car a tuple."""
     for b in range(len(states)):
         _kinematic(states[b], commands[b], dt, car)
 
 
-@entry
+@entry()
 def single_track(states, commands, dt, car, slow):
     """Move vehicles by the dynamic model, as `kinematic`; slow: speed [m/s] below which it is the kinematic one."""
     for b in range(len(states)):
@@ -42,7 +39,7 @@ def single_track(states, commands, dt, car, slow):
             _single_track(states[b], commands[b], dt, car)
 
 
-@compiled
+@inner
 def _kinematic(state, command, dt, car):
     """Move the rear axle along an arc, with the mean speed and steering angle of the step."""
     wheelbase, rear = car[FRONT] + car[REAR], car[REAR]
@@ -61,7 +58,7 @@ def _kinematic(state, command, dt, car):
     state[YAW_RATE], state[STEERING], state[SLIP] = v * math.tan(steering) / wheelbase, steering, 0.0
 
 
-@compiled
+@inner
 def _single_track(state, command, dt, car):
     """Integrate with the classical Runge-Kutta method over at most LONGEST at a time."""
     a, steering = _actuate(state, command, dt, car)
@@ -81,7 +78,7 @@ def _single_track(state, command, dt, car):
     state[A], state[YAW_RATE], state[STEERING], state[SLIP] = a, q[5], steering, q[4]
 
 
-@compiled
+@inner
 def _rates(q, a, steering, car):
     """Right-hand side of the single-track model (CommonRoad: Vehicle Models, Eq. of "ST")."""
     heading, v, slip, yaw_rate = q[2], q[3], q[4], q[5]
@@ -99,7 +96,7 @@ def _rates(q, a, steering, car):
     return np.array([v * math.cos(course), v * math.sin(course), yaw_rate, a, slide, turn])
 
 
-@compiled
+@inner
 def _actuate(state, command, dt, car):
     """Acceleration [m/s²] and steering angle [rad] after dt [s] of lag and limits."""
     acceleration, curvature = command[0], command[1]
@@ -116,6 +113,6 @@ def _actuate(state, command, dt, car):
     return a, state[STEERING] + _limited(change, -most, most)
 
 
-@compiled
+@inner
 def _limited(value, low, high):
     return low if value < low else high if value > high else value

@@ -12,9 +12,9 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
-from resim.metrics.risk.kernel.compiled import borrowed
+from resim.core.compiled import entry
+from resim.metrics.risk.kernel.borrowed import borrowed
 from resim.metrics.risk.kernel.motion import COS, ROWS, SIN, VX, VY, X, Y, ctra
 from resim.metrics.risk.kernel.scene import assess
 from resim.metrics.risk.kernel.work import RiskArrays, Road, Sampling, SceneArrays
@@ -26,7 +26,7 @@ SOURCES = hashlib.sha256(_TEXT).hexdigest()[:16]
 def _entry(function):
     """Compile what is called from outside. Its name, by which numba's cache knows it, has the sources in it."""
     function.__qualname__ = f"{function.__name__}_{SOURCES}"
-    return njit(cache=True, error_model="numpy")(function)
+    return entry()(function)
 
 
 @_entry

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
-from resim.metrics.risk.kernel.compiled import compiled
+from resim.core.compiled import inner
 
 
-@compiled
+@inner
 def _weight(t, pnr, most, slope):
     """Eq. 4.6."""
     if slope == 0.0:
@@ -21,7 +21,7 @@ def _weight(t, pnr, most, slope):
     return min(1.0, max(0.0, g))
 
 
-@compiled
+@inner
 def _weight_sum(t, pnr, most, slope):
     """The integral of Eq. 4.6 from 0 to t."""
     one = min(t, pnr)
@@ -35,7 +35,7 @@ def _weight_sum(t, pnr, most, slope):
     return one + (whole - tail * (end - pnr)) / (1.0 - tail)
 
 
-@compiled
+@inner
 def weights(points, times, h, swept):
     """What it weighs (points + 1,) that nothing helps, then that the last evasion begins at time 0, h, ...
 
@@ -53,7 +53,7 @@ def weights(points, times, h, swept):
     return out
 
 
-@compiled
+@inner
 def dependent(mass, table):
     """r_dep = E[max over objects of g], exact for independent objects: mass (K, G) of each g = table (G,), falling."""
     reached = np.zeros(mass.shape[0])  # probability of each object to have a g of at least the current value

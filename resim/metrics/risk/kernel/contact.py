@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from resim.metrics.risk.kernel.compiled import compiled, inlined
+from resim.core.compiled import inlined, inner
 from resim.metrics.risk.kernel.motion import BULGE, COS, MID_COS, MID_SIN, SIN, TURN, VX, X, Y, norm
 
 FREE = np.inf
@@ -71,7 +71,7 @@ def _apart(pose, half):
     )
 
 
-@compiled
+@inner
 def corner_at(paths, a, b, j, half):
     """A corner that lies inside at time j (Algorithm 4.1), -1 where none does."""
     pose = _poses(paths, a, b, j)
@@ -127,7 +127,7 @@ def _slab(p0, p1, r, low, high):
     return max(low, s0), min(high, s1)
 
 
-@compiled
+@inner
 def _swept(pose, x1, y1, half, slack):
     """Whether boxes of fixed headings touch while b moves relative to a from its pose to (x1, y1)."""
     x0, y0, ac, as_, bc, bs = pose
@@ -164,7 +164,7 @@ def turned(paths, p, i, j, f):
     return (c / n, s / n) if n > 0.0 else (c0, s0)
 
 
-@compiled
+@inner
 def _part_that_touches(paths, a, b, j, half):
     """The share of step j at which its first part with contact begins, FREE where there is none."""
     turn, bulge = paths[a, TURN, j] + paths[b, TURN, j], paths[a, BULGE, j] + paths[b, BULGE, j]

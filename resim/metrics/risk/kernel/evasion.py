@@ -6,7 +6,7 @@ w: see `work.Work`.
 # mypy: ignore-errors
 from __future__ import annotations
 
-from resim.metrics.risk.kernel.compiled import compiled, inlined
+from resim.core.compiled import inlined, inner
 from resim.metrics.risk.kernel.contact import (
     corner_touches,
     surely_touch,
@@ -18,7 +18,7 @@ from resim.metrics.risk.kernel.motion import COS, SIN, SLOW, VX, VY, X, Y, ctra,
 from resim.metrics.risk.kernel.work import BRAKE, LEFT, OPTIONS
 
 
-@compiled
+@inner
 def _direction(speed, first):
     """Which way a plan goes at time `first`, 1 or -1, and the last time till which it goes that way.
 
@@ -35,7 +35,7 @@ def _direction(speed, first):
     return side, until
 
 
-@compiled
+@inner
 def _along(w, a, first, out):
     """Fill path out from time `first`: the plan's way from there at its pace, with acceleration a of the pace.
 
@@ -66,7 +66,7 @@ def _along(w, a, first, out):
         paths[out, VX, j], paths[out, VY, j] = v * h * c, v * h * sn
 
 
-@compiled
+@inner
 def _turn(paths, plan, arc, first, side, out):
     """Fill path out from time `first`: the arc to the left (side 1) or right (-1) of the plan's pose there."""
     begin, end = max(first, 0), paths.shape[2]
@@ -118,7 +118,7 @@ def _helps(w, path, j, option, half):
     return step < 0
 
 
-@compiled
+@inner
 def last_evasion(w, contact, corner, half):
     """The last time at or before the contact from which an evasion stays free of the object's path, -1 if none does.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from resim.metrics.risk.kernel.compiled import compiled, inlined
+from resim.core.compiled import inlined, inner
 
 X, Y, COS, SIN = 0, 1, 2, 3
 VX, VY = 4, 5
@@ -38,7 +38,7 @@ def norm(x, y):
     return math.sqrt(x * x + y * y)
 
 
-@compiled
+@inner
 def turning(rate, h):
     """Turn of one step and integrals over it: cos, sin of rate h, ∫ e^(i rate s) ds, ∫ s e^(i rate s) ds (re, im)."""
     u = rate * h
@@ -75,7 +75,7 @@ def halt(v, a, h, last):
     return step, max(at - step * h, 0.0)
 
 
-@compiled
+@inner
 def ctra(start, inputs, h, stops, paths, p):
     """Fill rows X to VY of path p with constant turn rate and acceleration (Eq. 4.1).
 
@@ -99,7 +99,7 @@ def ctra(start, inputs, h, stops, paths, p):
         v = v + a * h if j < stop else 0.0
 
 
-@compiled
+@inner
 def ctra_samples(start, w, count):
     """Fill w.samples with `count` motions of accelerations w.a and turn rates w.b.
 
@@ -153,7 +153,7 @@ def _stop(v, a, rate, h, out, i):
         out[VX, j, i], out[VY, j, i] = 0.0, 0.0
 
 
-@compiled
+@inner
 def walk_samples(start, w, count):
     """Fill w.samples with `count` walks: accelerations w.a along and w.b across the heading for ACCELERATING s.
 
@@ -172,7 +172,7 @@ def walk_samples(start, w, count):
             out[VX, j, i], out[VY, j, i] = u * cos - w * sin, u * sin + w * cos
 
 
-@compiled
+@inner
 def finish(paths, p, first, radius):
     """Fill the rows of path p from MID_COS on, of the steps from `first` on; radius of the box [m]."""
     last = paths.shape[2] - 1

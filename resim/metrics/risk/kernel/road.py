@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 
-from resim.metrics.risk.kernel.compiled import compiled, inlined
+from resim.core.compiled import inlined, inner
 from resim.metrics.risk.kernel.motion import COS, SIN, VX, VY, X, Y
 
 STEP = 1.0  # as in `ways`
@@ -33,7 +33,7 @@ def at_way(points, begin, end, s):
     return x + (f - g) * STEP * c, y + (f - g) * STEP * n, c, n, bend, left, right
 
 
-@compiled
+@inner
 def bend_samples(road, who, half, samples, out):
     """Lay samples (SAMPLED, M + 1, N), driven along +x of a straight road from 0, on the ways of an object.
 

@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from resim.metrics.risk.kernel.compiled import borrowed, compiled, inlined
+from resim.core.compiled import inlined, inner, unfolded
+from resim.metrics.risk.kernel.borrowed import borrowed
 from resim.metrics.risk.kernel.consolidation import dependent
 from resim.metrics.risk.kernel.contact import FREE, NONE, first_at_times, first_swept
 from resim.metrics.risk.kernel.evasion import last_evasion
@@ -33,7 +34,7 @@ ASTRAY = 1.3
 """How much faster than it drives an object may move where the edge of its road presses it aside."""
 
 
-@compiled
+@inner
 def _begin(w, plan_in, n, radius):
     """Take the plan of scene n of (S, M + 1, 4), and forget the evasions of the one before; radius of the EGO [m]."""
     paths, s, speed, plan, h = w.paths, w.s, w.speed, w.plan, w.h
@@ -56,7 +57,7 @@ def _start(state):
     return state[0], state[1], math.cos(state[2]), math.sin(state[2]), state[3]
 
 
-@compiled
+@inner
 def _predict(w, state, walks, count):
     """Fill the first `count` of w.samples, of inputs w.a and w.b."""
     if walks:
@@ -65,7 +66,7 @@ def _predict(w, state, walks, count):
         ctra_samples(_start(state), w, count)
 
 
-@compiled
+@inner
 def _predict_on(w, road, who, state, half):
     """Fill w.samples for an object that has ways; who: scene and column of the object; half: its half width [m]."""
     first, s, d, count = road.first[who], road.s[who], road.d[who], len(w.weight)
@@ -77,7 +78,7 @@ def _predict_on(w, road, who, state, half):
     bend_samples(road, who, half, count, w.samples)
 
 
-@compiled
+@inner
 def _share(weight, ways, out):
     """Fill out with the weights (N,) of the samples of an object, such that each of its ways has the same share."""
     count, begin = len(weight), 0
@@ -89,7 +90,7 @@ def _share(weight, ways, out):
         begin = end
 
 
-@compiled
+@inner
 def _far_off(w, state, reach, fastest):
     """Whether an object stays out of reach however it goes."""
     paths, s, plan, h = w.paths, w.s, w.plan, w.h
@@ -110,7 +111,7 @@ def _fastest(v, inputs, walks, horizon):
     return most + (abs(inputs[2]) + 3.0 * inputs[3]) * horizon if walks else most
 
 
-@compiled
+@inner
 def _out_of_reach(w, state, inputs, walks, reach, fastest):
     """Whether no sample can touch: the mean path is farther off than samples stray from it and boxes reach."""
     paths, s, plan, mean, h = w.paths, w.s, w.plan, w.one, w.h
@@ -132,7 +133,7 @@ def _out_of_reach(w, state, inputs, walks, reach, fastest):
     return True
 
 
-@compiled
+@inner
 def _find_near(w, reach, fastest):
     """Fill w.near: the first step in which a sample's box may be in reach of the EGO's, NONE if it never is."""
     samples, near, paths, plan, s, speed, h = w.samples, w.near, w.paths, w.plan, w.s, w.speed, w.h
@@ -148,7 +149,7 @@ def _find_near(w, reach, fastest):
             near[i] = min(near[i], j if dx * dx + dy * dy <= far * far else NONE)
 
 
-@compiled
+@inner
 def _pick(samples, i, rows, paths, p):
     """Make sample i path p."""
     for row in range(rows):
@@ -166,7 +167,7 @@ def _first_contact(w, near, half):
     return float(first), corner
 
 
-@compiled
+@unfolded
 def _object(w, road, scenes, n, k):
     """Risk, probability of contact, shortest TTC and TTR [s] of object k of scene n; fill its row of w.mass."""
     risk = hits = 0.0
@@ -214,7 +215,7 @@ def _object(w, road, scenes, n, k):
     return risk, hits, ttc, ttr
 
 
-@compiled
+@unfolded
 def assess(scenes, road, sampling, out):
     """Fill the results of all scenes; see `accident_risk`."""
     size, ego_size, r_to = scenes.size, scenes.ego_size, out.r_to

@@ -7,7 +7,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from resim.metrics.risk.kernel.compiled import compiled
+from resim.core.compiled import inner
 from resim.metrics.risk.kernel.consolidation import weights
 from resim.metrics.risk.kernel.motion import ROWS, SAMPLED
 
@@ -49,7 +49,7 @@ probability by time to react. The rest: see `Sampling`.
 """
 
 
-@compiled
+@inner
 def new_work(sampling, steps, objects):
     """Room for plans of so many steps, and for so many objects."""
     points, samples = steps + 1, len(sampling.weight)

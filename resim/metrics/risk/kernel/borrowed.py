@@ -1,17 +1,11 @@
-"""How the kernel's functions are compiled, and what keeps numba from counting references in their loops."""
+"""What keeps numba from counting references in the kernel's loops."""
 
 # mypy: ignore-errors
 from __future__ import annotations
 
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.core.extending import intrinsic
-
-compiled = njit(error_model="numpy")
-"""Division by zero gives what the processor gives, as in numpy."""
-
-inlined = njit(error_model="numpy", forceinline=True)
-"""The same, for what stands inside of loops: a call there keeps them from becoming vector operations."""
 
 
 def _without_owner(context, builder, kind, value):
