@@ -2,8 +2,8 @@
 
 Two scenarios see the same traffic where the vehicles around their EGOs move alike over some time, whenever that is by
 their clocks. They are found at moments that depend on neither clock nor rate: when somebody comes or goes past a whole
-number of metres ahead of the EGO, and where all others are then. Who meets two vehicles that come or go at the same
-time, each within a sensor's error for seconds, meets them twice by chance about once in 10^5 pairs of such scenarios.
+number of metres ahead of the EGO, and where all others are then. That two vehicles come or go at the same time, each
+within a sensor's error for seconds, hardly happens twice by chance; where it does, one drive less is on the safe side.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ FASTEST = 60.0
 """m/s at most: more is another vehicle in the slot."""
 NEAR, ALIKE = 0.3, 0.8
 """m, m/s that others, and the speed of who passes, differ at most at a moment (our choice)."""
-ERROR = 0.15
-"""m that the vehicles around differ at most (our choice: the error of good sensors, twice)."""
+ERROR = 0.3
+"""m that the vehicles around differ at most (our choice: positions of both with errors of 0.1 m)."""
 AGREE = 0.75
 """Of what both scenarios see, share that has to agree: at the edges of slots noise decides who holds them."""
 LEAST = 15
