@@ -48,7 +48,8 @@ def of_drive(name: str, seeds: list[int], **how: float) -> MinedSource:
 
 
 AGAIN = {
-    "noise": {"noise": 0.02}, "much noise": {"noise": 0.08}, "clock": {"begin": 0.13}, "rate": {"rate": 12.5, "noise": 0.02},
+    "noise": {"noise": 0.02}, "much noise": {"noise": 0.08}, "clock": {"begin": 0.13},
+    "rate": {"rate": 12.5, "noise": 0.02},
     "overlap": {"begin": 3.0}, "all": {"begin": 2.07, "rate": 25.0, "noise": 0.02},
 }  # fmt: skip
 
