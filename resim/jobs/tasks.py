@@ -82,8 +82,7 @@ def add_task(
 
     Args:
         catalog: In whose database the queue is.
-        name: Id of the task, of `resim.results.queue.new_id`.
-        folder: Of its log, and of results that go nowhere else.
+        folder: Of its log, and of results that go nowhere else; called like its id, of `resim.results.queue.new_id`.
         job: What it is, by the name of its form.
         words: The command line after `resim`, with whole paths.
         again: Words that a further attempt has besides.
@@ -97,7 +96,7 @@ def add_task(
     """
     queue = TaskQueue(catalog)
     check_room(queue, job)
-    return queue.add(name, job, words, str(folder), again, priority=PRIORITIES[priority])
+    return queue.add(folder.name, job, words, str(folder), again, priority=PRIORITIES[priority])
 
 
 def read_task_log(catalog: Catalog, wanted: str) -> str:
