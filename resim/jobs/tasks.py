@@ -70,7 +70,6 @@ def list_tasks(catalog: Catalog, *, ended: int = 20) -> list[QueuedTask]:
 
 def add_task(
     catalog: Catalog,
-    name: str,
     folder: Path,
     job: str,
     words: Sequence[str],
@@ -96,7 +95,11 @@ def add_task(
     """
     queue = TaskQueue(catalog)
     check_room(queue, job)
-    return queue.add(folder.name, job, words, str(folder), again, priority=PRIORITIES[priority])
+    task = queue.add(folder.name, job, words, str(folder), again)
+    queue.prioritise(
+        task.id, PRIORITIES[priority]
+    )  # of one that a server took meanwhile it says nothing any more
+    return queue.get(task.id)
 
 
 def read_task_log(catalog: Catalog, wanted: str) -> str:
