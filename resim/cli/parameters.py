@@ -65,10 +65,15 @@ def _values(name: str, value: Any, option: str, off: str) -> Iterator[AskedValue
     if isinstance(value, bool):
         yield AskedValue(option if value else off)
         return
+    for text, is_path in texts_of(name, value):
+        yield AskedValue(option, text, content_of(Path(text)) if is_path else "")
+
+
+def texts_of(name: str, value: Any) -> Iterator[tuple[str, bool]]:
+    """Give the texts of a parameter's value, one of each where it has several, and whether each is a path."""
     for one in value if isinstance(value, list | tuple) else (value,):
         text = str(one.value) if isinstance(one, Enum) else str(one)
-        is_path = isinstance(one, Path) or (name in FILES_OR_WORDS and Path(text).is_file())
-        yield AskedValue(option, text, content_of(Path(text)) if is_path else "")
+        yield text, isinstance(one, Path) or (name in FILES_OR_WORDS and Path(text).is_file())
 
 
 @contextmanager

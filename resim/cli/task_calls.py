@@ -6,7 +6,6 @@ A task is done elsewhere and later than it is put in, so nothing of its words ha
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import typer.main
 
 from resim.cli.app import app
 from resim.cli.job_forms import job_forms
-from resim.cli.parameters import FILES_OR_WORDS
+from resim.cli.parameters import texts_of
 from resim.core.errors import InputError
 from resim.supervisor.forms import JobForm
 
@@ -78,14 +77,9 @@ def _texts(context: Any, parameter: Any) -> list[str]:
     """The values of a parameter that was given, one after the other; [] of one that was not."""
     if context.get_parameter_source(parameter.name).name != "COMMANDLINE":
         return []
-    return [*_flat(parameter.name, context.params[parameter.name])]
-
-
-def _flat(name: str, value: Any) -> Iterator[str]:
-    if isinstance(value, list | tuple):
-        for one in value:
-            yield from _flat(name, one)
-    elif isinstance(value, Path) or (name in FILES_OR_WORDS and Path(str(value)).is_file()):
-        yield str(Path(value).absolute())
-    else:
-        yield str(value.value if isinstance(value, Enum) else value)
+    value = context.params[parameter.name]
+    several = (
+        value if isinstance(value, list | tuple) else (value,)
+    )  # of an option with two numbers each is a tuple
+    told = (pair for one in several for pair in texts_of(parameter.name, one))
+    return [str(Path(text).absolute()) if is_path else text for text, is_path in told]

@@ -82,9 +82,7 @@ def add(
     home = (folder or data_folder() / "tasks").absolute() / name
     form, call = task_call(words, home)
     with noted_command(f"/jobs/{form.name}", [("command", shlex.join(call))]):
-        added = add_task(
-            the_catalog(), name, home, form.name, call, again=form.again, priority=priority.value
-        )
+        added = add_task(the_catalog(), home, form.name, call, again=form.again, priority=priority.value)
     add_to_json(**_told(added))
     say(_line(added))
 

@@ -70,7 +70,6 @@ def list_tasks(catalog: Catalog, *, ended: int = 20) -> list[QueuedTask]:
 
 def add_task(
     catalog: Catalog,
-    name: str,
     folder: Path,
     job: str,
     words: Sequence[str],
@@ -82,8 +81,7 @@ def add_task(
 
     Args:
         catalog: In whose database the queue is.
-        name: Id of the task, of `resim.results.queue.new_id`.
-        folder: Of its log, and of results that go nowhere else.
+        folder: Of its log, and of results that go nowhere else; called like its id, of `resim.results.queue.new_id`.
         job: What it is, by the name of its form.
         words: The command line after `resim`, with whole paths.
         again: Words that a further attempt has besides.
@@ -97,7 +95,11 @@ def add_task(
     """
     queue = TaskQueue(catalog)
     check_room(queue, job)
-    return queue.add(name, job, words, str(folder), again, priority=PRIORITIES[priority])
+    task = queue.add(folder.name, job, words, str(folder), again)
+    queue.prioritise(
+        task.id, PRIORITIES[priority]
+    )  # of one that a server took meanwhile it says nothing any more
+    return queue.get(task.id)
 
 
 def read_task_log(catalog: Catalog, wanted: str) -> str:

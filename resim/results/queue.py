@@ -100,20 +100,13 @@ class TaskQueue:
         self._catalog, self.host = catalog, host or platform.node()
 
     def add(
-        self,
-        name: str,
-        job: str,
-        words: Sequence[str],
-        folder: str,
-        again: Sequence[str] = (),
-        *,
-        priority: int = 0,
+        self, name: str, job: str, words: Sequence[str], folder: str, again: Sequence[str] = ()
     ) -> QueuedTask:
-        """Put a task in, behind all others of its priority. name: its id, of `new_id`; folder: its own."""
+        """Put a task in with normal priority, behind all others of it. name: its id, of `new_id`; folder: its own."""
         now = time.time()
         row = {
             "id": name, "job": job, "words": [*words], "again": [*again], "folder": folder, "host": self.host,
-            "state": "waiting", "priority": priority, "place": now, "created": now, "attempt": 0, "losses": 0,
+            "state": "waiting", "priority": 0, "place": now, "created": now, "attempt": 0, "losses": 0,
             "server": "", "beat": 0.0, "stop": False, "told": "", "changed": now,
         }  # fmt: skip
         with self._begun() as connection:

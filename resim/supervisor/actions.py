@@ -33,7 +33,7 @@ def start(supervisor: Supervisor, request: Request) -> str:
 
     words = command_line(form, request.state.form, path_of, folder)
     with _told_in_form():
-        add_task(supervisor.catalog, name, folder, form.name, words, again=form.again)
+        add_task(supervisor.catalog, folder, form.name, words, again=form.again)
     return f"/tasks/{name}"
 
 
