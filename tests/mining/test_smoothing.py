@@ -149,3 +149,24 @@ def test_who_stops_for_a_moment_stands_and_who_creeps_does_not(
     ]
     assert counts[0] == (0 if least else 30)
     assert at_least <= counts[1] <= at_most
+
+
+def test_who_rests_between_two_lane_changes_makes_two_in_noise_as_well(tmp_path) -> None:
+    """Each takes 1.5 s, and 1.2 s lie between them."""
+    network = load(write_motorway(tmp_path / "motorway.xodr"))
+    path = path_of(network, "7", -1, 20.0, 800.0)
+    drive = Drive(
+        "a",
+        lambda t: 200.0 + 25.0 * t,
+        lambda t: -smooth(t, 3.0, 1.5, 3.5) - smooth(t, 5.7, 1.5, 3.5),
+        end=9.2,
+    )
+    exact = tracks_of(path, [drive])
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        x, y, v = (getattr(exact, name) + rng.normal(0.0, 0.05, exact.x.shape) for name in "xyv")
+        noisy = Tracks(t=exact.t, ids=exact.ids, kind=exact.kind, x=x, y=y, heading=exact.heading, v=v,
+                       length=exact.length, width=exact.width, valid=exact.valid)  # fmt: skip
+        for tracks in (exact, noisy):
+            found = [m.label for m in find_maneuvers(features(tracks, network)) if m.label.startswith("lane")]
+            assert found == ["lane_change_right"] * 2
