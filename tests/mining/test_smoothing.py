@@ -111,3 +111,62 @@ def test_noise_neither_hides_nor_makes_strong_braking(tmp_path, falls: float, fo
         for one in (exact, noisy)
     ]
     assert counts == [found, found]
+
+
+@pytest.mark.parametrize(("short", "label"), [(1.15, "lane_change_not_judged"), (0.85, "lane_change_right")])
+def test_noise_does_not_bring_a_vehicle_close_to_a_lane(tmp_path, short: float, label: str) -> None:
+    """Who goes on for seconds 0.15 m beyond, or within, the metre that is close to the new lane's centre."""
+    network = load(write_motorway(tmp_path / "motorway.xodr"))
+    path = path_of(network, "7", -1, 20.0, 800.0)
+    drive = Drive("a", steady(30.0), lambda t: -smooth(t, 2.0, 5.0, 3.5 - short), end=12.0)
+    exact = tracks_of(path, [drive])
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        x, y, v = (getattr(exact, name) + rng.normal(0.0, 0.05, exact.x.shape) for name in "xyv")
+        noisy = Tracks(t=exact.t, ids=exact.ids, kind=exact.kind, x=x, y=y, heading=exact.heading, v=v,
+                       length=exact.length, width=exact.width, valid=exact.valid)  # fmt: skip
+        for tracks in (exact, noisy):
+            found = [m.label for m in find_maneuvers(features(tracks, network)) if m.label.startswith("lane")]
+            assert found == [label]
+
+
+@pytest.mark.parametrize(("least", "at_least", "at_most"), [(0.0, 28, 30), (0.25, 0, 1)])
+def test_who_stops_for_a_moment_stands_and_who_creeps_does_not(
+    tmp_path, least: float, at_least: int, at_most: int
+) -> None:
+    """30 who brake by 2 m/s² to 0, or to 0.25 m/s for 0.25 s, and go on at once, of speeds with noise of 0.05 m/s."""
+    network = load(write_motorway(tmp_path / "motorway.xodr"))
+    path = path_of(network, "7", -1, 20.0, 1500.0)
+    fine = np.arange(0.0, 12.0, 0.001)
+    ways = np.cumsum(np.maximum(2.0 * np.abs(fine - 6.0), least)) * 0.001
+    drives = [Drive(str(n), lambda t, n=n: 40.0 * n + np.interp(t, fine, ways), end=11.0) for n in range(30)]
+    exact = tracks_of(path, drives)
+    v = exact.v + np.random.default_rng(5).normal(0.0, 0.05, exact.v.shape)
+    noisy = Tracks(t=exact.t, ids=exact.ids, kind=exact.kind, x=exact.x, y=exact.y, heading=exact.heading, v=v,
+                   length=exact.length, width=exact.width, valid=exact.valid)  # fmt: skip
+    counts = [
+        sum(m.label == "standing" for m in find_maneuvers(features(one, network))) for one in (exact, noisy)
+    ]
+    assert counts[0] == (0 if least else 30)
+    assert at_least <= counts[1] <= at_most
+
+
+def test_who_rests_between_two_lane_changes_makes_two_in_noise_as_well(tmp_path) -> None:
+    """Each takes 1.5 s, and 1.2 s lie between them."""
+    network = load(write_motorway(tmp_path / "motorway.xodr"))
+    path = path_of(network, "7", -1, 20.0, 800.0)
+    drive = Drive(
+        "a",
+        lambda t: 200.0 + 25.0 * t,
+        lambda t: -smooth(t, 3.0, 1.5, 3.5) - smooth(t, 5.7, 1.5, 3.5),
+        end=9.2,
+    )
+    exact = tracks_of(path, [drive])
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        x, y, v = (getattr(exact, name) + rng.normal(0.0, 0.05, exact.x.shape) for name in "xyv")
+        noisy = Tracks(t=exact.t, ids=exact.ids, kind=exact.kind, x=x, y=y, heading=exact.heading, v=v,
+                       length=exact.length, width=exact.width, valid=exact.valid)  # fmt: skip
+        for tracks in (exact, noisy):
+            found = [m.label for m in find_maneuvers(features(tracks, network)) if m.label.startswith("lane")]
+            assert found == ["lane_change_right"] * 2

@@ -1,13 +1,13 @@
 """Lane changes: Kaefer's closeness rule says whether, Wagner's speed across says from when to when.
 
-Kaefer 2022, 4.5.6.2; Wagner 2021, 6.2.1.1. Readings taken: strictly below 1 m is close; the nearest such samples around
-the crossing count, and lanes there must differ, where a lane that goes on (over sections, through junctions, by a fork
-or a merge) is one lane; where the track begins or ends before, or every border is crossed to the side away from the new
-lane, as by a track that jumps, nothing is judged, which is a label of its own. The span goes out to the first sample
-whose speed in the change's own direction is below the threshold, that is |v_across| with reversals seen as well. Who is
-headed away from the lane by more than `TURNED_OFF` when crossing, and where the motion across begins or has ended,
-turns off; who stops on the way is across its lanes there, and has not ended it. Doubles, in which that speed never
-falls below it, are one label, whatever the middle lane.
+Kaefer 2022, 4.5.6.2; Wagner 2021, 6.2.1.1. Readings taken: strictly below 1 m is close, noise apart; the nearest such
+samples around the crossing count, and lanes there must differ, where a lane that goes on (over sections, through
+junctions, by a fork or a merge) is one lane; where the track begins or ends before, or every border is crossed to the
+side away from the new lane, as by a track that jumps, nothing is judged, which is a label of its own. The span goes out
+to the first sample whose speed in the change's own direction is below the threshold, that is |v_across| with reversals
+seen as well. Who is headed away from the lane by more than `TURNED_OFF` when crossing, and where the motion across
+begins or has ended, turns off; who stops on the way is across its lanes there, and has not ended it. Doubles, in which
+that speed never falls below it, are one label, whatever the middle lane.
 """
 
 from __future__ import annotations
@@ -18,13 +18,17 @@ from itertools import groupby
 
 import numpy as np
 
-from resim.core.geometry import wrap_angle
+from resim.core.geometry import Floats, wrap_angle
 from resim.mining.features import Features
 from resim.mining.maneuver import FAMILIES, LabelFamily, LabelledManeuver
 from resim.mining.settings import MiningSettings
+from resim.mining.smoothing import averaged
 from resim.scenario.maneuvers import TURNED_OFF, change_span, closest_to_centres
 
 LEFT, RIGHT, OPEN = "lane_change_left", "lane_change_right", "lane_change_not_judged"
+FINE = 0.02
+"""m: deviation to which offsets are averaged that are held against that of being close (our choice: of 0.01 to 0.03 it
+gives the fewest changes with an end that is none)."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,8 @@ def _of_stretch(
 ) -> Iterator[LabelledManeuver]:
     """The lane changes of one object in a stretch without breaks, from the samples at which it crosses borders."""
     low, high = _bounds(features, crossings[0])
-    own = [_crossing(features, settings, k, low, high) for k in crossings]
+    offset = _offsets(features, low, high)
+    own = [_crossing(features, settings, k, low, offset) for k in crossings]
     changes: list[LaneChangeLabel] = []
     for _, group in groupby(own, key=lambda c: (c.before, c.after)):
         change = _judged(features, list(group))
@@ -102,11 +107,24 @@ def _bounds(features: Features, k: int) -> tuple[int, int]:
     return low + int(np.argmax(own)), high - int(np.argmax(own[::-1]))
 
 
-def _crossing(features: Features, settings: MiningSettings, k: int, low: int, high: int) -> _Crossing:
+def _offsets(features: Features, low: int, high: int) -> Floats:
+    """The offsets [m] of samples low to high, of one stretch, less their noise.
+
+    Borders leave a step in offsets, but none in the way across, of which the noise is the same.
+    """
+    on = low + np.flatnonzero(features.row[low:high] >= 0)
+    aside = features.aside[on]
+    less = averaged(features.samples.t[on], aside, np.zeros(len(on), dtype=np.intp), FINE) - aside
+    out = features.offset[low:high].copy()
+    out[on - low] += np.where(features.with_lane[on], less, -less)
+    return out
+
+
+def _crossing(features: Features, settings: MiningSettings, k: int, low: int, offset: Floats) -> _Crossing:
     rules, side = settings.lane_change, int(np.sign(features.passed[k]))
-    across = features.v_across[low:high]
+    across = features.v_across[low : low + len(offset)]
     start, end = change_span(across, k - low, side, rules.lateral_speed)
-    before, after = closest_to_centres(features.offset[low:high], k - low, k - low, rules.close)
+    before, after = closest_to_centres(offset, k - low, k - low, rules.close)
     first = None if before is None else change_span(across, min(before, start), side, rules.lateral_speed)[0]
     last = None if after is None else change_span(across, max(after, end), side, rules.lateral_speed)[1]
     shifted = (None if a is None else low + a for a in (before, after, first, last))

@@ -19,8 +19,9 @@ from resim.mining.smoothing import below
 SPEEDING, STANDING = "speeding", "standing"
 ROUNDED = 1e-6
 """m/s by which who keeps to the limit may be above it: files have as many digits."""
-FINE_STANDING = 0.03
-"""m/s: deviation to which speeds are averaged that are held against that of standing (our choice)."""
+FINE_STANDING, BEYOND_STANDING = 0.03, 0.5
+"""m/s: deviation to which speeds are averaged that are held against that of standing, and by how many such they are
+below it (our choice): who stops for a moment has no surer sample, and hardly anybody drives just above it."""
 
 
 def find_speeding(
@@ -51,7 +52,8 @@ def find_standing(
     rules, samples = settings.standing, features.samples
     highest = np.nextafter(rules.speed, np.inf)  # up to it
     slow = [
-        below(samples.t, way * samples.v, samples.piece_of, highest, FINE_STANDING) for way in (1.0, -1.0)
+        below(samples.t, way * samples.v, samples.piece_of, highest, FINE_STANDING, BEYOND_STANDING)
+        for way in (1.0, -1.0)
     ]
     holds = slow[0] & slow[1] & samples.kinds(frozenset(settings.kinds))
     first, last = stretches(holds, samples.piece_of)
