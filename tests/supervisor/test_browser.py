@@ -16,12 +16,16 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from browsed import chromium, too_faint
 from calling import called
 from conftest import Call
+from mining.planted import random_traffic, write_straight
 from supervised import PAGES, waited
 
+from resim.jobs.mine import MineOptions, mine
+from resim.recordings import Recording, write_recording
 from resim.recordings.content import content_hash
 from resim.results.catalog import Catalog
 from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
@@ -480,3 +484,63 @@ def test_a_sweep_is_seen_as_it_grows(
     page.wait_for_function("then => document.querySelector('.progress span').innerText !== then", arg=counted)
     page.locator("main button:has-text('Cancel')").click()
     page.locator(".badge", has_text="cancelled").first.wait_for()
+
+
+@pytest.fixture
+def mined(tmp_path: Path) -> tuple[Path, Path]:
+    """Two mined folders of drawn traffic, of which the first one takes a space some seconds, where jobs find them."""
+    road = write_straight(tmp_path / "straight.xodr")
+    folders = tmp_path / "files" / "mined", tmp_path / "files" / "mined_in_may"
+    for seed, (folder, vehicles) in enumerate(zip(folders, (400, 40), strict=True)):
+        tracks = random_traffic(np.random.default_rng(seed), vehicles, 16.0, 10.0)
+        drive = tmp_path / "drives" / f"drive_{seed}"
+        write_recording(Recording(drive.name, road, str(tracks.ids[0]), tracks, 10.0), drive)
+        mine([drive], folder, MineOptions(write=False, accept=("OVERLAP",)))
+    return folders
+
+
+def choose(page: Any, field: str, text: str) -> None:
+    page.select_option(field, value=page.locator(f"{field} option", has_text=text).get_attribute("value"))
+
+
+@pytest.mark.slow
+def test_a_space_is_seen_as_it_grows(
+    opened: Callable[..., Any], served: Callable[..., Any], mined: tuple[Path, Path], tmp_path: Path
+) -> None:
+    assert called("lake", "add", tmp_path / "files", tmp_path / "drives") == 0
+    _, address, token = served()
+    page = opened(address, token, viewport={"width": 400, "height": 900})
+    page.goto(f"{page.home}/jobs/space")
+    choose(page, "#f-mined", "mining mined,")
+    page.click("text=Start >> nth=-1")
+    page.wait_for_url("**/tasks/*")
+    bar = page.locator(".progress span")
+    bar.filter(has_text="clusters").wait_for(timeout=60_000)  # of a bucket that is done
+    counted = bar.inner_text()
+    page.wait_for_function("then => document.querySelector('.progress span').innerText !== then", arg=counted)
+    page.locator("a:text-is('Its result')").click(timeout=120_000)
+    page.wait_for_url("**/results/*")
+    before = drives_and_scenarios(page)
+    page.goto(f"{page.home}/jobs/space-grow")
+    choose(page, "#f-mined", "mining mined_in_may,")
+    page.select_option("#f-space", index=1)
+    page.click("text=Start >> nth=-1")
+    page.wait_for_url("**/tasks/*")
+    page.locator("a:text-is('Its result')").click(timeout=120_000)
+    page.wait_for_url("**/results/*")
+    drives, scenarios = drives_and_scenarios(page)
+    assert before[0] == {"drive_0"}
+    assert drives == {"drive_0", "drive_1"}
+    assert scenarios > before[1]
+    with page.expect_popup() as found:
+        page.click("a:text-is('space.html')")
+    found.value.locator("h1").wait_for()
+    page.click("a:text-is('drive_1')")
+    page.wait_for_url("**/experiments/*")
+    assert "drive_1" in page.inner_text("h1")
+
+
+def drives_and_scenarios(page: Any) -> tuple[set[str], int]:
+    """The recordings that a page of a space names as what went in, and how many scenarios it counts."""
+    drives = page.locator("tr:has(td:text-is('recording')) th").all_inner_texts()
+    return set(drives), int(page.locator("td[data-label='scenarios']").first.inner_text())
