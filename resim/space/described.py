@@ -6,11 +6,12 @@ import numpy as np
 import pandas as pd
 
 from resim.core.provenance import versions
+from resim.core.spelling import counted
 from resim.space.coverage import SeenScenarios, coverage
-from resim.space.draws import drive_numbers
+from resim.space.draws import drive_numbers, scenario_draws
 from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
-from resim.space.statistics.rates import IntervalEstimate, rate, spread_of
+from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, rate, spread_of
 from resim.space.traces import Ints
 
 LONE = 0.5
@@ -101,6 +102,12 @@ def _notes(space: Space, buckets: tuple[BucketEntry, ...]) -> list[str]:
         out.append(
             f"in {off} of {len(space.traces.lane)} scenes the EGO is on no lane: all of its slots are empty, and "
             "how much was seen counts each such scenario as a kind of its own"
+        )
+    drives = len(set(scenario_draws(space.rows)))
+    if drives < LEAST_DRIVES:
+        out.append(
+            f"all is of {counted(drives, 'drive')}: where few drives have most of what comes, intervals of rates hold "
+            f"less often than they say; from {LEAST_DRIVES} drives on they hold"
         )
     if len({one.egos for one in space.sources}) > 1:
         out.append("sources with every vehicle as EGO are mixed with test drives: rates are of both together")

@@ -30,7 +30,7 @@ from resim.space.release_report import (
     RemainingDomain,
 )
 from resim.space.risk import CoverReport
-from resim.space.statistics.rates import IntervalEstimate, share, spread_of
+from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, share, spread_of
 from resim.space.test_plan import PlannedCluster, PlannedTest, test_plan
 
 SENTENCE = (
@@ -50,7 +50,7 @@ def decide(
     terms = {per: case.accidents(per) for per in case.driven}
     checks = release_checks(case, terms)
     verdict = verdict_of(checks, case.believed, case.unknown)
-    forbidding, remaining = _odd(space, case, verdict, seen=checks[0].met)
+    forbidding, remaining = _odd(space, case, verdict, seen=checks[0].met and checks[-1].met)
     return ReleaseReport(
         versions(), {}, hashes["space"], hashes["cover"], hashes["limits"], limits,
         "" if cover is None else cover.label, "" if cover is None else cover.build,
@@ -103,7 +103,17 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
                 one.source,
             )
         )  # fmt: skip
-    return tuple(out)
+    return (*out, _drives_check(case))
+
+
+def _drives_check(case: ReleaseCase) -> ReleaseCheck:
+    """Whether limits of rates can be believed, even if few drives have most of what comes."""
+    drives = float(len(np.unique(case.seen.drive)))
+    more = max(LEAST_DRIVES / drives - 1.0, 0.0) * case.driven["hour"] if drives else math.nan
+    return ReleaseCheck(
+        "drives in which scenarios come", drives, drives, drives, float(LEAST_DRIVES), drives >= LEAST_DRIVES, False,
+        more, "our choice: with fewer, limits of rates hold too seldom where one drive in ten has most of what comes",
+    )  # fmt: skip
 
 
 def verdict_of(checks: Sequence[ReleaseCheck], believed: bool, unknown: Sequence[str] = ()) -> ReleaseVerdict:
@@ -134,7 +144,7 @@ def _odd(
 ) -> tuple[tuple[ForbiddingCluster, ...], RemainingDomain]:
     """The clusters that forbid the release, those with most accidents first, and what is left without them.
 
-    seen: whether enough of the kinds were seen.
+    seen: whether enough of the kinds were seen, in enough drives.
     """
     risk = case.risk
     count = np.bincount(case.exposed.kind, minlength=case.exposed.clusters)
@@ -207,7 +217,7 @@ def _statement(case: ReleaseCase, verdict: ReleaseVerdict, checks: Sequence[Rele
         calibrated = "" if case.believed else "predicted risk is not calibrated against held-out drives"
         why = "; ".join(part for part in (told, calibrated, *case.unknown) if part)
         return f"The function may not be released: {why}."
-    seen, *accidents = checks
+    seen, *accidents, _ = checks
     numbers = ", ".join(f"at most {one.high:.3g} {one.name} (limit {one.limit:.3g})" for one in accidents)
     return (
         f"{SENTENCE} With {100.0 * case.limits.confidence:g} % confidence: {len(case.names)} kinds of scenarios, of "
@@ -230,7 +240,7 @@ def _found(one: ReleaseCheck) -> str:
     missing = f" ({one.missing_hours:.3g} h more are needed at least)" if one.missing_hours > 0.0 else ""
     if one.name.startswith("accidents"):
         return (f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known") + missing
-    return f"at least {one.low:.3g}{missing}"
+    return (f"{one.low:g}" if one.low == one.high else f"at least {one.low:.3g}") + missing
 
 
 def _how(space: Space, cover: CoverReport | None) -> str:

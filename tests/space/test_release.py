@@ -192,12 +192,12 @@ def test_the_tutorial_says_how_many_hours_the_limit_that_ships_needs() -> None:
 def test_how_much_is_missing_is_told(seen: Space, tmp_path: Path) -> None:
     small = space_of([*KINDS[:3]] * 2, hours=0.5)
     found = decided(small, members(small, 40, 0.0), limits(1.0))
-    assert [one.missing_hours > 0.0 for one in found.checks] == [True, True]
-    assert found.statement.count("h more are needed at least") == 2
+    assert [bool(one.missing_hours > 0.0) for one in found.checks] == [True, True, True]
+    assert found.statement.count("h more are needed at least") == 3
     write_release_page(found, None, tmp_path)
     assert "hours missing, at least" in (tmp_path / "release.html").read_text()
     fits = decided(seen, members(seen, 40, 0.0), limits(1e6, least_seen=0.5))
-    assert [(one.met, one.missing_hours) for one in fits.checks] == [(True, 0.0)] * 2
+    assert [(one.met, one.missing_hours) for one in fits.checks] == [(True, 0.0)] * 3
 
 
 @cache
@@ -431,9 +431,25 @@ def test_an_accident_of_a_build_without_a_hash_may_be_of_any(seen: Space) -> Non
     assert "1 collisions or ends of test drives of this build, or of one without a hash" in found.statement
 
 
+def test_nothing_is_released_whose_rates_are_of_too_few_drives(tmp_path: Path) -> None:
+    drives = [space_of([KINDS[0]] * count, hours=100.0) for count in (29, 30)]
+    few, enough = (
+        decided(one, members(one, 40, 0.0), limits(1e6, least_seen=0.01, least_drives=1)) for one in drives
+    )
+    assert (few.verdict, few.remaining.enough, enough.verdict) == ("not shown", False, "good")
+    assert (
+        "released: drives in which scenarios come: 29 (3.45 h more are needed at least), asked for 30."
+        in few.statement
+    )
+    write_release_page(few, None, tmp_path)
+    assert "29 to 29" in (tmp_path / "release.html").read_text(encoding="utf-8")
+    assert any(note.startswith("all is of 29 drives: ") for note in report(drives[0], {}).notes)
+    assert not any(note.startswith("all is of") for note in report(drives[1], {}).notes)
+
+
 def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space, tmp_path: Path) -> None:
     frame = members(seen, 80, 0.0)
-    assert [one.met for one in decided(seen, frame, limits(0.3)).checks] == [True, True]
+    assert [one.met for one in decided(seen, frame, limits(0.3)).checks] == [True, True, True]
     other = replace(seen, sources=tuple(replace(one, accidents={"b": 50}) for one in seen.sources))
     found = decided(other, frame, limits(0.3))
     check = found.checks[1]

@@ -36,6 +36,8 @@ class IntervalEstimate:
 
 
 UNKNOWN = IntervalEstimate(np.nan, np.nan, np.nan)
+LEAST_DRIVES = 30
+"""Drives from which on intervals of rates hold at their level also where one drive in ten has most of what comes."""
 
 
 def poisson_limits(count: ArrayLike, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
