@@ -20,7 +20,8 @@ NUMPY = {"error_model": "numpy"}
 """Division by zero gives what the processor gives, as in numpy."""
 
 inner = njit(**NUMPY, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""Of what is called from compiled functions alone: it compiles in three quarters of the time."""
+"""Of what is called from compiled functions alone: it compiles in three quarters of the time. Called from Python it
+ends the process."""
 
 inlined = njit(**NUMPY, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
 """The same, for what stands inside of loops: a call there keeps them from becoming vector operations."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import njit
 
 from adfunc.constant_velocity import ConstantVelocity
 from adfunc.highway_pilot import HighwayPilot, quintic
@@ -192,11 +193,16 @@ def test_builds_of_one_function_differ_in_their_hash_and_the_recorded_one_is_tha
     assert {read_settings(drive / SETTINGS).build_hash for drive in drives} == {hashes["1.0"]}
 
 
+@njit
+def in_compiled_code(gap, closing, lead_a):
+    return time_to_collision(gap, closing, lead_a)
+
+
 def test_time_to_collision_is_that_of_constant_motion() -> None:
-    assert time_to_collision(20.0, 5.0, 0.0) == 4.0
-    assert time_to_collision(20.0, -1.0, 0.0) == math.inf
+    assert in_compiled_code(20.0, 5.0, 0.0) == 4.0
+    assert in_compiled_code(20.0, -1.0, 0.0) == math.inf
     for closing in (-3.0, 0.0, 6.0):
-        t = time_to_collision(20.0, closing, -4.0)
+        t = in_compiled_code(20.0, closing, -4.0)
         assert closing * t + 0.5 * 4.0 * t * t == pytest.approx(20.0)
 
 
