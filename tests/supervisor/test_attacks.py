@@ -176,8 +176,9 @@ def test_paused_tasks_count_among_those_that_wait(
     supervisor.queue.cancel(names[2])
     for name in names[:2]:
         assert supervisor.queue.pause(name)
-    for path in ("/jobs/check", f"/tasks/{names[2]}/retry"):
-        answer = user.post(path, data={"seal": seal}, headers={"origin": ORIGIN})
+    drive = next(file.id for file in supervisor.files("recording", most=9) if file.name == "cut_in_brake")
+    for path, given in (("/jobs/check", {"recording": drive}), (f"/tasks/{names[2]}/retry", {})):
+        answer = user.post(path, data={"seal": seal, **given}, headers={"origin": ORIGIN})
         assert answer.status_code == 422
         assert "2 tasks are waiting already" in answer.text
 

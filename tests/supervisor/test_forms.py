@@ -147,6 +147,7 @@ def test_no_text_of_a_page_can_be_a_path() -> None:
 HELPERS = {
     "given": "what jobs are given", "labelled": "maneuvers of a drive that is played",
     "driven_traffic": "part of traffic", "space_members": "part of space", "space_recordings": "part of space",
+    "space_drives": "part of space",
     "verdicts": "words of verdicts", "schemas": "JSON Schemas of files, for editors",
     "lake": "the lake: pages find and show", "mirror": "sends results to a server of MLflow",
     "chain": "a download of each page", "builds": "two builds side by side: a page shows that",
