@@ -25,7 +25,7 @@ def task_call(words: Sequence[str], folder: Path) -> tuple[JobForm, list[str]]:
     Supervisor, and what the command itself raises for words that it does not take.
     """
     form = _form_of(words)
-    path = [word for word in form.words if not word.startswith("--")]
+    path = _path(form)
     given = list(words[len(path) :])
     if form.out and not _has(given, form.out):
         given.insert(0, f"{form.out}={folder / f'result{form.suffix}'}")
@@ -40,7 +40,7 @@ def task_call(words: Sequence[str], folder: Path) -> tuple[JobForm, list[str]]:
 
 def _form_of(words: Sequence[str]) -> JobForm:
     """The form with the most of the first words; of several the one whose own option is among the others."""
-    found = [form for form in job_forms() if form.words == tuple(words[: len(form.words)])]
+    found = [f for f in job_forms() if _path(f) == [*words[: len(_path(f))]] and {*f.words} <= {*words}]
     found = [form for form in found if len(form.words) == max(len(f.words) for f in found)]
     if not found:
         known = sorted({" ".join(form.words) for form in job_forms()})
@@ -51,6 +51,11 @@ def _form_of(words: Sequence[str]) -> JobForm:
         if any(_has(words, option) for option in own if option):
             return form
     return found[0]
+
+
+def _path(form: JobForm) -> list[str]:
+    """Its words without options, which may stand anywhere behind."""
+    return [word for word in form.words if not word.startswith("--")]
 
 
 def _has(words: Sequence[str], option: str) -> bool:

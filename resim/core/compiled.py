@@ -41,6 +41,7 @@ def entry(*signatures, nogil=False):
     def compiled(function):
         kernel = njit(**NUMPY, nogil=nogil)(function)
         kernel._cache = _SharedCache(function)
+        kernel.compile = kernel._cache.releasing(kernel.compile)
         for signature in signatures:
             kernel.compile(signature)
         if signatures:
@@ -61,16 +62,19 @@ class _SharedCache(FunctionCache):
             self._impl.locator.ensure_cache_path()
             self._lock = Path(self.cache_path, f"{self._impl.filename_base}.lock").open("w")  # noqa: SIM115
             fcntl.flock(self._lock, fcntl.LOCK_EX)
-            found = super().load_overload(sig, target_context)
-            if found is not None:  # somebody else compiled it meanwhile
-                self._release()
+            found = super().load_overload(sig, target_context)  # somebody else compiled it meanwhile
         return found
 
-    def save_overload(self, sig, data):
-        try:
-            super().save_overload(sig, data)
-        finally:
-            self._release()
+    def releasing(self, compiling):
+        """Give the same function, after which others may compile, however it ended."""
+
+        def compiled(signature):
+            try:
+                return compiling(signature)
+            finally:
+                self._release()
+
+        return compiled
 
     def _release(self):
         if self._lock is not None:

@@ -81,7 +81,12 @@ class QueuedTask:
     @property
     def call(self) -> tuple[str, ...]:
         """The command line of the attempt that is made now."""
-        return (*self.words, *(self.again if self.attempt > 1 else ()))
+        if self.attempt <= 1:
+            return self.words
+        end = (
+            self.words.index("--") if "--" in self.words else len(self.words)
+        )  # behind it nothing is an option
+        return (*self.words[:end], *self.again, *self.words[end:])
 
 
 def new_id() -> str:

@@ -130,4 +130,5 @@ class Supervisor:
         form, made = self.forms.get(task.job), self.made_by(task)
         if form is None or made is None:
             return {}
-        return {name: str(made) for name in ("entered", "fresh") if getattr(form, name)}
+        told = {"entered": form.entered, "fresh": form.fresh and made.is_relative_to(task.folder)}
+        return {name: str(made) for name, is_told in told.items() if is_told}

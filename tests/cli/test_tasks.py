@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from conftest import Call
 
+from resim.cli.task_calls import task_call
 from resim.results.catalog import Catalog
 from resim.results.database import data_folder
 from resim.results.entry import CatalogEntry, CatalogFact, CatalogInput, CatalogOutcome
@@ -109,11 +110,16 @@ def test_a_command_is_put_into_the_queue(
         (("verify", "--replay", "v"), "replay"),
         (("verify", ROOT / "scenarios/suites/highway.toml", "--build", build), "verify"),
         (("sweep", "run", sweep), "sweep"), (("sweep", "run", "--dry-run", sweep), "sweep-estimate"),
+        (("sweep", "run", sweep, "--dry-run"), "sweep-estimate"),
         (("export", "osi", "drives/a b"), "export-osi"),
         (("import", "mcity", "drives"), "import-mcity"), (("space", "grow", "a", "b"), "space-grow"),
     ):  # fmt: skip
         words_of(call, *given)
-        assert TaskQueue(catalog).unfinished()[-1].job == job
+        task = TaskQueue(catalog).unfinished()[-1]
+        assert task.job == job
+        assert (
+            task_call(replace(task, attempt=2).call, tmp_path)[0].name == job
+        )  # a further attempt can be made
     trail = (data_folder() / "audit.jsonl").read_text().splitlines()
     assert json.loads(trail[1])["action"] == "/jobs/run"
     count = len(TaskQueue(catalog).unfinished())

@@ -40,6 +40,12 @@ while not Path(sys.argv[1], "go").exists():
     time.sleep(0.001)
 if sys.argv[3] == "die":
     loops.lengths._cache.save_overload = lambda *given: (print("compiled", flush=True), time.sleep(60.0))
+if sys.argv[3] == "break off":
+    try:
+        loops.lengths("no", "numbers")
+    except Exception:
+        print("broken off", flush=True)
+    time.sleep(60.0)
 found = loops.lengths(np.array([3.0, 5.0]), np.array([4.0, 12.0]))
 stats = loops.lengths.stats
 print(json.dumps([found.tolist(), sum(stats.cache_misses.values()), sum(stats.cache_hits.values())]))
@@ -79,4 +85,16 @@ def test_a_process_that_is_killed_while_it_compiles_holds_nobody_up(tmp_path: Pa
     killed.send_signal(signal.SIGKILL)
     lengths, misses, hits = json.loads(other.communicate(timeout=60.0)[0])
     killed.communicate()
+    assert (lengths, misses, hits) == ([5.0, 13.0], 1, 0)
+
+
+def test_a_process_that_breaks_off_and_lives_on_holds_nobody_up(tmp_path: Path) -> None:
+    (tmp_path / "loops.py").write_text(LOOPS, "utf-8")
+    broken = call(tmp_path, 0, "break off")
+    begin(tmp_path, [broken])
+    assert broken.stdout is not None
+    assert broken.stdout.readline() == "broken off\n"
+    lengths, misses, hits = json.loads(call(tmp_path, 1).communicate(timeout=30.0)[0])
+    broken.kill()
+    broken.communicate()
     assert (lengths, misses, hits) == ([5.0, 13.0], 1, 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,8 @@ def test_a_task_goes_from_waiting_to_its_end(database: str) -> None:
     again = queue.claim("me")
     assert again is not None
     assert again.call == ("check", "ä b", "--resume")
+    other = put(queue, "check", "--seed=1", "--", "ä b", "--")
+    assert replace(other, attempt=2).call == ("check", "--seed=1", "--resume", "--", "ä b", "--")
     with pytest.raises(InputError, match="is no task"):
         queue.get("nothing")
 

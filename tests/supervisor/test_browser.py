@@ -176,8 +176,14 @@ def test_a_quiet_task_counts_on_and_its_buttons_keep_apart(
     first = told.inner_text()
     page.wait_for_function("first => document.querySelector('[data-age]').textContent !== first", arg=first)
     assert told.inner_text().endswith(" s")
-    boxes = [one.bounding_box() for one in page.locator(".acts button").all()]
-    assert len(boxes) == 5
+    assert_buttons_keep_apart(page, ".acts button", 5)
+    page.goto(f"{page.home}/tasks/{name}")
+    assert_buttons_keep_apart(page, "main form button", 4)
+
+
+def assert_buttons_keep_apart(page: Any, which: str, count: int) -> None:
+    boxes = [one.bounding_box() for one in page.locator(which).all()]
+    assert len(boxes) == count
     for k, a in enumerate(boxes):
         for b in boxes[k + 1 :]:
             aside = max(b["x"] - a["x"] - a["width"], a["x"] - b["x"] - b["width"])

@@ -19,6 +19,7 @@ from resim.cli.app import app
 from resim.cli.job_forms import job_forms
 from resim.cli.offered import NOT_OFFERED, OFFERED
 from resim.core.errors import InputError
+from resim.results.queue import new_id
 from resim.results.scanning import add_roots
 from resim.supervisor.files import file_id
 from resim.supervisor.forms import FormError, FormField, JobForm, command_line
@@ -276,6 +277,21 @@ def test_what_a_job_made_is_in_the_lake_and_leads_to_what_it_came_from(
     names = ("ours.toml", "ours.before-1.toml")
     once, twice = ((Path(task.folder) / name).read_text("utf-8") for name in names)
     assert once == twice
+
+
+def test_only_what_lies_in_the_folder_of_a_task_is_put_aside_for_a_further_attempt(
+    supervisor: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.toml").write_text("a user's own\n")
+    criteria = f"--criteria={ROOT / 'scenarios/criteria/highway.toml'}"
+    words = ("suite", "new", criteria, f"--out={tmp_path / 'mine.toml'}", "--", str(ROOT / "scenarios"))
+    name = new_id()
+    supervisor.queue.add(name, "suite", words, str(tmp_path / "tasks" / name))
+    for attempt in (1, 2):
+        waited(lambda: (supervisor.worker.look(), not supervisor.queue.unfinished())[1])
+        assert (supervisor.queue.get(name).attempt, supervisor.queue.get(name).state) == (attempt, "failed")
+        supervisor.queue.retry(name)
+    assert [path.name for path in tmp_path.glob("mine*")] == ["mine.toml"]
 
 
 def test_files_that_the_lake_does_not_know_are_chosen_by_number(
