@@ -121,7 +121,7 @@ def _looked_at(traces: SlotTraces) -> tuple[Floats, repeated_drives._Moments, In
 
 
 def test_two_egos_of_one_traffic_are_one_draw() -> None:
-    """Two vehicles that record the same: their hours both count, and their kinds are one draw."""
+    """Two vehicles that record the same: their kinds are one draw, and hours are those of the longest."""
     one, two, other = (of_drive(name, [k, k + 1]) for k, name in ((0, "one"), (20, "two"), (40, "other")))
     one, two, other = (
         replace(each, recordings=tuple(replace(r, traffic=told) for r in each.recordings))
