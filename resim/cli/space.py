@@ -41,7 +41,8 @@ def build(
 ) -> None:
     """Build a space: distances between scenarios, clusters in each bucket, and how much was seen.
 
-    Writes space.json, clusters.parquet, distances.parquet, scenarios.parquet, slots.parquet and space.html.
+    Writes space.json, clusters.parquet, distances.parquet, scenarios.parquet, slots.parquet, moments.parquet and
+    space.html.
     """
     from resim.jobs import space as job
     from resim.space.settings import DEFAULT_SETTINGS

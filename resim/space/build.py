@@ -15,9 +15,9 @@ from resim.core.geometry import Floats
 from resim.space.clustering import BucketClusters, choose_threshold, cluster
 from resim.space.copies import first_copy
 from resim.space.distance import PairDistances
+from resim.space.drives import with_drives
 from resim.space.model import COLUMNS, PLACED, BucketLinks, Space, bucket_names
 from resim.space.placing import FrozenClusters, cluster_all, place_rows
-from resim.space.repeated_drives import merged, same_traffic
 from resim.space.report import SourceEntry
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 from resim.space.sources import MinedSource
@@ -240,6 +240,7 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
     """The space with the scenarios of sources, which are in no cluster yet."""
     entries, frames = list(space.sources), [space.rows] if len(space.rows) else []
     traces: list[SlotTraces] = [space.traces]
+    moments = [space.moments]
     occasions = int(space.rows["occasion"].max()) + 1 if len(space.rows) else 0
     taken = set(space.rows["scenario"])
     for source in sources:
@@ -254,8 +255,13 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
         taken |= set(frames[-1]["scenario"])
         entries.append(entry)
         traces.append(replace(source.traces, names=frames[-1]["scenario"].to_numpy(str)))
+        moments.append(source.moments.assign(recording=f"{entry.name}/" + source.moments["recording"]))
     rows = pd.concat(frames, ignore_index=True) if frames else space.rows
-    whole, since = replace(space, sources=tuple(entries), rows=rows, traces=joined(traces)), len(space.rows)
+    since = len(space.rows)
+    whole = replace(
+        space, sources=tuple(entries), rows=rows, traces=joined(traces),
+        moments=pd.concat(moments, ignore_index=True),
+    )  # fmt: skip
     recording = (rows["source"] + "/" + rows["recording"]).astype(str).tolist()
     if found := first_copy(whole.traces, recording, since):
         one, two = (rows["scenario"].iloc[k] for k in found)
@@ -263,24 +269,7 @@ def _with_sources(space: Space, sources: Sequence[MinedSource], batch: int) -> S
             sources[-1].folder, f"scenarios {one} and {two}, of two recordings, see the same traffic to the centimetre",
             "A drive counts once, also as another file, cut anew, or around another EGO: mine it once.",
         )  # fmt: skip
-    drive = rows["drive"].astype(str).tolist()
-    again = same_traffic(whole.traces, drive, rows["map"].astype(str).tolist(), since)
-    return replace(
-        whole,
-        rows=rows.assign(drive=merged(drive, np.concatenate([again, _of_one_traffic(entries, recording)]))),
-    )
-
-
-def _of_one_traffic(entries: Sequence[SourceEntry], recording: Sequence[str]) -> Ints:
-    """Pairs (P, 2) of rows whose recordings (N,) hold the same traffic, around one EGO or another."""
-    told = {
-        f"{one.name}/{name}": where.partition(" ")[0]
-        for one in entries
-        for name, where in one.traffic.items()
-    }
-    first: dict[str, int] = {}
-    pairs = [(first.setdefault(told[name], k), k) for k, name in enumerate(recording) if told.get(name)]
-    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    return with_drives(whole, since, {entry.name for entry in entries[len(space.sources) :]})
 
 
 def _refuse_twice(source: MinedSource, entries: Sequence[SourceEntry]) -> None:
@@ -327,7 +316,7 @@ def _entry(source: MinedSource, name: str, batch: int) -> SourceEntry:
         {one.name: one.tracks for one in source.recordings if one.tracks},
         {one.name: one.traffic for one in source.recordings if one.traffic},
         {one.name: one.content for one in source.recordings if one.content}, source.failed, _accidents(source),
-        _driven_by(source), {one.name: (one.hours, one.kilometres) for one in source.recordings},
+        _driven_by(source), {one.name: (one.hours, one.kilometres) for one in source.recordings}, {},
     )  # fmt: skip
 
 

@@ -1,4 +1,5 @@
-"""The folder of a space: space.json, scenarios.parquet, slots.parquet, clusters.parquet, distances.parquet."""
+"""The folder of a space: space.json, scenarios.parquet, slots.parquet, clusters.parquet, distances.parquet,
+moments.parquet."""
 
 from __future__ import annotations
 
@@ -21,9 +22,10 @@ from resim.space.described import report
 from resim.space.distance import PairDistances
 from resim.space.model import CLUSTERS, COLUMNS, BucketLinks, Space
 from resim.space.report import MARK, SpaceReport
+from resim.space.shared_traffic import no_moments
 from resim.space.traces import read_traces, to_frame
 
-TABLES = ("scenarios.parquet", "slots.parquet", "clusters.parquet", "distances.parquet")
+TABLES = ("scenarios.parquet", "slots.parquet", "clusters.parquet", "distances.parquet", "moments.parquet")
 WRITTEN_BY, REMEDY = "resim space", "Build the space again with `resim space build`."
 MOST_PAIRS = 2_000_000
 """Pairs of a bucket that are all written; of more only those up to NEAR times the threshold."""
@@ -40,6 +42,7 @@ def write_space(space: Space, folder: Path, workers: int = 1) -> SpaceReport:
     write_parquet(space.rows, folder / "scenarios.parquet")
     write_parquet(to_frame(space.traces), folder / "slots.parquet")
     write_parquet(space.rows[list(CLUSTERS)], folder / "clusters.parquet")
+    write_parquet(space.moments, folder / "moments.parquet")
     _write_distances(space, folder, workers)
     found = report(space, {name: file_hash(folder / name) for name in TABLES})
     write_json(sealed(to_json(found)), folder / MARK)
@@ -70,7 +73,8 @@ def read_space(folder: Path) -> tuple[Space, SpaceReport]:
         one.bucket: BucketLinks(one.threshold, one.chosen, one.method, one.links) for one in told.buckets
     }
     where = Path(os.path.realpath(folder)) / MARK
-    space = Space(told.settings, told.sources, typed(rows), traces, links)
+    moments = read_parquet(folder / "moments.parquet").astype(no_moments().dtypes.to_dict())
+    space = Space(told.settings, told.sources, typed(rows), traces, links, moments)
     return _with_paths(space, lambda one: str(joined(where, one))), told
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resim.core.geometry import Floats
 from resim.space.report import SourceEntry
 from resim.space.settings import SpaceSettings
+from resim.space.shared_traffic import no_moments
 from resim.space.sources import ROWS
 from resim.space.traces import Ints, SlotTraces
 
@@ -51,6 +52,7 @@ class Space:
         rows: A row per scenario with COLUMNS, in the order in which they were added.
         traces: Their slots, in the same order.
         links: By the name of the bucket.
+        moments: When vehicles of its recordings were where (`resim.space.shared_traffic`).
     """
 
     settings: SpaceSettings
@@ -58,6 +60,7 @@ class Space:
     rows: pd.DataFrame
     traces: SlotTraces
     links: dict[str, BucketLinks]
+    moments: pd.DataFrame = field(default_factory=no_moments)
 
     @property
     def driven(self) -> tuple[float, float]:
@@ -71,14 +74,10 @@ class Space:
     @cached_property
     def _repeated(self) -> Floats:
         """Hours and kilometres (2,) of recordings that are a drive again: of each drive, all but the longest."""
-        told = {(one.name, name): length for one in self.sources for name, length in one.lengths.items()}
-        every = self.rows[["source", "recording", "drive"]].astype(str).drop_duplicates()
-        again = every[every["drive"].duplicated(keep=False)]
-        lengths = [told.get(key, (0.0, 0.0)) for key in zip(again["source"], again["recording"], strict=True)]
-        by_drive = pd.DataFrame(np.array(lengths, dtype=float).reshape(-1, 2)).groupby(
-            again["drive"].to_numpy()
-        )
-        return np.asarray((by_drive.sum() - by_drive.max()).sum(), dtype=float)
+        every = [(one.drives[name], *length) for one in self.sources for name, length in one.lengths.items()]
+        found = pd.DataFrame(every, columns=["drive", "hours", "kilometres"])
+        again = found[found["drive"].duplicated(keep=False)].groupby("drive")[["hours", "kilometres"]]
+        return np.asarray((again.sum() - again.max()).sum(), dtype=float)
 
     @cached_property
     def unsure(self) -> NDArray[np.bool_]:

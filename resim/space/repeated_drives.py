@@ -8,7 +8,8 @@ within a sensor's error for seconds, hardly happens twice by chance; where it do
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,8 @@ TOGETHER = 5
 """Scenes, 1 s, in which at least two vehicles come or go at the same time."""
 HITS = 3
 """Moments at which both are alike, at least, to be looked at."""
+AT_ONCE = 2_000_000
+"""Of moments that are alike, how many are held at once, about: 150 MB."""
 
 
 class _Moments(NamedTuple):
@@ -49,31 +52,49 @@ class _Moments(NamedTuple):
 
 
 def same_traffic(traces: SlotTraces, drive: Sequence[str], place: Sequence[str], since: int = 0) -> Ints:
-    """Give the rows (P, 2) of scenarios of two drives that see the same traffic, within a sensor's error.
+    """Give rows (P, 2) of scenarios of two drives that see the same traffic, within a sensor's error.
 
-    drive, place (N,): drive and map of each; since: the first row that is new, of which one of each pair is.
+    drive, place (N,): drive and map of each; since: the first row that is new, of which one of each pair is. Drives
+    that a pair has linked are not compared again: pairs say which drives are one, and not all scenarios that show it.
     """
     found = _moments(traces, np.unique(np.asarray(place, dtype=str), return_inverse=True)[1])
     new = np.isin(found.code, found.code[found.row >= since])
     found = _Moments(found.row[new], found.t[new], found.code[new], found.told[new])
-    if not len(found.row):
-        return np.zeros((0, 2), dtype=np.intp)
     points = np.column_stack([3.0 * found.code, found.told])
-    hits = cKDTree(points).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    of = np.unique(np.asarray(drive, dtype=str), return_inverse=True)[1]
-    row = found.row[hits]
-    apart = (of[row[:, 0]] != of[row[:, 1]]) & (row.max(axis=1) >= since)
-    hits, row = hits[apart], row[apart]
-    turned = row[:, 0] > row[:, 1]
-    hits[turned], row[turned] = hits[turned][:, ::-1], row[turned][:, ::-1]
-    pair, which, count = np.unique(row, axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(which.ravel(), kind="stable")
-    shift = np.split((found.t[hits[:, 1]] - found.t[hits[:, 0]])[order], np.cumsum(count)[:-1])
-    keep = [
-        k for k in np.flatnonzero(count >= HITS).tolist()
-        if _agree(traces, pair[k], float(np.median(shift[k])))
-    ]  # fmt: skip
-    return np.asarray(pair[keep].reshape(-1, 2), dtype=np.intp)
+    of, out = np.unique(np.asarray(drive, dtype=str), return_inverse=True)[1], []
+    for row, shift in _hits(points, found, of, since):
+        pair, which, count = np.unique(row, axis=0, return_inverse=True, return_counts=True)
+        order = np.argsort(which.ravel(), kind="stable")
+        shifts = np.split(shift[order], np.cumsum(count)[:-1])
+        for k in np.flatnonzero(count >= HITS).tolist():
+            one, two = of[pair[k]].tolist()
+            if one != two and _agree(traces, pair[k], float(np.median(shifts[k]))):
+                of[of == two] = one
+                out.append(pair[k])
+    return np.array(out, dtype=np.intp).reshape(-1, 2)
+
+
+def _hits(points: Floats, found: _Moments, of: Ints, since: int) -> Iterator[tuple[Ints, Floats]]:
+    """Moments that are alike, block by block: rows (H, 2) of their scenarios, all that a later one has with earlier
+    ones at once, and times (H,) from the one to the other [s].
+
+    of (N,): number of the drive of each scenario, which may change between blocks.
+    """
+    begin = int(np.searchsorted(found.row, since))
+    if begin == len(points):
+        return
+    tree = cKDTree(points)
+    count = tree.query_ball_point(points[begin:], 1.0, p=np.inf, return_length=True)
+    first = np.unique(found.row[begin:], return_index=True)[1]
+    block = np.cumsum(np.add.reduceat(count, first)) // AT_ONCE
+    for low, high in pairwise(
+        [*(begin + first[np.unique(block, return_index=True)[1]]).tolist(), len(points)]
+    ):
+        hits = cKDTree(points[low:high]).sparse_distance_matrix(tree, 1.0, p=np.inf, output_type="ndarray")
+        later, earlier = low + hits["i"], hits["j"]
+        row = np.stack([found.row[earlier], found.row[later]], axis=1)
+        apart = (row[:, 0] < row[:, 1]) & (of[row[:, 0]] != of[row[:, 1]])
+        yield row[apart], (found.t[later] - found.t[earlier])[apart]
 
 
 def merged(names: Sequence[str], pairs: Ints) -> np.ndarray:

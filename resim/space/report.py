@@ -39,6 +39,7 @@ class SourceEntry:
         accidents: By hash of the build, collisions and early ends of its test drives that are in no scenario.
         driven_by: By hash of the build, h that its test drives lasted; "" for all others.
         lengths: h and km of each of its recordings, by name.
+        drives: Which drive each of its recordings is, by name: source and name of the first one that it is again.
     """
 
     name: str
@@ -62,6 +63,7 @@ class SourceEntry:
     accidents: Mapping[str, int]
     driven_by: Mapping[str, NumberOrNan]
     lengths: Mapping[str, tuple[NumberOrNan, NumberOrNan]]
+    drives: Mapping[str, str]
 
 
 @dataclass(frozen=True)

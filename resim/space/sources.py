@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from resim.core.errors import InputError
 from resim.core.files import check_hashes, file_hash
 from resim.core.sealed import read_sealed
 from resim.recordings.tables import read_parquet
+from resim.space.shared_traffic import moments, no_moments
 from resim.space.traces import REMEDY, Ints, SlotTraces, read_traces
 
 MARK = "mined.json"
@@ -76,6 +77,7 @@ class MinedSource:
         left_out: Scenarios without a scene with their EGO.
         failed: Recordings that could not be mined.
         mined: Hash of its report, by which the lake knows it.
+        moments: When vehicles of its recordings were where (`resim.space.shared_traffic`).
     """
 
     name: str
@@ -90,6 +92,7 @@ class MinedSource:
     trigger: tuple[str, ...] = ()
     rules: str = ""
     mined: str = ""
+    moments: pd.DataFrame = field(default_factory=no_moments)
 
 
 ROWS = (
@@ -148,6 +151,7 @@ def read_mined(folder: Path) -> MinedSource:
         tuple(trigger),
         rules,
         file_hash(folder / MARK),
+        moments(maneuvers, pd.Series({one.name: one.map for one in recordings}, dtype=str)),
     )
 
 

@@ -119,8 +119,10 @@ def test_a_drive_is_in_a_space_once_and_names_may_be_those_of_another_source(tmp
     write_space(built, tmp_path)
     again, _ = read_space(tmp_path)
     assert len(set(again.rows["scenario"])) == 12
-    first = replace(one, recordings=(replace(one.recordings[0], tracks="abc"),))
-    mined_again = replace(other, recordings=(replace(other.recordings[0], tracks="abc"),))
+    first = replace(one, recordings=(replace(one.recordings[0], tracks="abc"), *one.recordings[1:]))
+    mined_again = replace(
+        other, recordings=(replace(other.recordings[0], tracks="abc"), *other.recordings[1:])
+    )
     with pytest.raises(InputError, match="recording day/0 is in the space already"):
         build_space([first, mined_again])
     with pytest.raises(InputError, match="recording day/0 is in the space already"):
@@ -136,7 +138,9 @@ def test_a_drive_that_is_there_again_is_refused_whatever_its_file_is(how: str) -
     if how == "digits":
         again = replace(again, traces=replace(again.traces, offset=np.round(again.traces.offset, 3)))
     if how == "ego":
-        again = replace(again, recordings=(replace(again.recordings[0], tracks="another", ego="b"),))
+        again = replace(
+            again, recordings=(replace(again.recordings[0], tracks="another", ego="b"), *again.recordings[1:])
+        )
     if how == "cut":
         again = replace(
             again, rows=again.rows.iloc[10:].reset_index(drop=True), traces=again.traces.take(range(10, 25))

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from space.spaces import source
 
+from resim.core.geometry import Floats
 from resim.jobs.space_drives import _find_repeated
+from resim.space import repeated_drives
 from resim.space.build import build_space, grow_space
 from resim.space.draws import drive_numbers
 from resim.space.limits import ReleaseLimits
@@ -16,7 +18,7 @@ from resim.space.release import release_checks
 from resim.space.release_case import release_case
 from resim.space.repeated_drives import merged, same_traffic
 from resim.space.sources import MinedSource
-from resim.space.traces import RATE, SlotTraces, joined
+from resim.space.traces import RATE, Ints, SlotTraces, joined
 
 SCENES = 45
 SLOTS_HELD = (2, 4, 7)
@@ -101,8 +103,25 @@ def test_other_drives_are_other_draws() -> None:
     assert not len(same_traffic(many.take([]), [], []))
 
 
+def test_few_hits_are_held_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Copies of copies are alike in each moment: all hits at once would take memory by the square of their number."""
+    copies = joined([traffic(f"{k}", k % 4, begin=0.05 * (k // 4), noise=0.02) for k in range(120)])
+    drive = [f"d{k // 4}" for k in range(120)]
+    whole = merged(drive, same_traffic(copies, drive, ["m"] * 120)).tolist()
+    monkeypatch.setattr(repeated_drives, "AT_ONCE", 1000)
+    held = [len(shift) for _, shift in repeated_drives._hits(*_looked_at(copies), since=0)]
+    assert max(held) < 0.1 * sum(held)
+    assert merged(drive, same_traffic(copies, drive, ["m"] * 120)).tolist() == whole == ["d0"] * 120
+
+
+def _looked_at(traces: SlotTraces) -> tuple[Floats, repeated_drives._Moments, Ints]:
+    """Moments as points, and each scenario as a drive of its own."""
+    found = repeated_drives._moments(traces, np.zeros(len(traces), dtype=np.intp))
+    return np.column_stack([3.0 * found.code, found.told]), found, np.arange(len(traces))
+
+
 def test_two_egos_of_one_traffic_are_one_draw() -> None:
-    """Two vehicles that record the same: their hours both count, and their kinds are one draw."""
+    """Two vehicles that record the same: their kinds are one draw, and hours are those of the longest."""
     one, two, other = (of_drive(name, [k, k + 1]) for k, name in ((0, "one"), (20, "two"), (40, "other")))
     one, two, other = (
         replace(each, recordings=tuple(replace(r, traffic=told) for r in each.recordings))
