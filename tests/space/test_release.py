@@ -223,7 +223,7 @@ def near_drive(space: Space, driven: int, share: float) -> dict[str, bool]:
     return dict(zip(judged["member"], judged["counts"], strict=True))
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(
     seed=st.integers(0, 10_000),
     part=st.sampled_from(

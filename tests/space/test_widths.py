@@ -52,7 +52,7 @@ def intervals(told: Any, where: str = "") -> Iterator[tuple[str, IntervalEstimat
     held=HELD,
     counts=st.booleans(),
 )
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 def test_no_interval_has_width_zero(
     kinds: list[int], hours: float, together_: int, risks: list[float], held: list[tuple[float, float]], counts: bool
 ) -> None:  # fmt: skip
