@@ -81,7 +81,8 @@ def add(
     name = new_id()
     home = (folder or data_folder() / "tasks").absolute() / name
     form, call = task_call(words, home)
-    with noted_command(f"/jobs/{form.name}", [("command", shlex.join(call))]):
+    told = [("command", shlex.join(call)), ("priority", priority.value)]
+    with noted_command(f"/jobs/{form.name}", told):
         added = add_task(the_catalog(), home, form.name, call, again=form.again, priority=priority.value)
     add_to_json(**_told(added))
     say(_line(added))

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
-from sqlalchemy import Connection, Row, String, cast, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Row, String, case, cast, func, insert, select, update
 
 from resim.core.errors import InputError
 from resim.results.catalog import Catalog
@@ -138,7 +138,7 @@ class TaskQueue:
 
     def unfinished(self) -> list[QueuedTask]:
         """Give all that pause, then all that run, then all that wait, each in the order in which they come."""
-        order = (TASK.c.state, TASK.c.priority.desc(), TASK.c.place)
+        order = (TASK.c.state, TASK.c.priority.desc(), TASK.c.place, TASK.c.id)
         states = ("paused", "running", "waiting")
         return self._tasks(select(TASK).where(TASK.c.state.in_(states)).order_by(*order))
 
@@ -200,10 +200,10 @@ class TaskQueue:
 
     def put_first(self, name: str) -> bool:
         """Let a task that waits come before all others, with the priority of the first one. Says whether it waits."""
-        front = next((t for t in self.unfinished() if t.state == "waiting"), None)
-        if front is None:
-            return False
-        return self._change(name, ("waiting",), priority=front.priority, place=front.place - 1.0)
+        waiting = TASK.c.state == "waiting"
+        highest = select(func.max(TASK.c.priority)).where(waiting).scalar_subquery()
+        front = select(func.min(TASK.c.place)).where(waiting, TASK.c.priority == highest).scalar_subquery()
+        return self._change(name, ("waiting",), priority=highest, place=front - 1.0)
 
     def move(self, name: str, by: int) -> bool:
         """Let a task that waits change places with the one before (by < 0) or behind. Says whether there was one."""
@@ -212,11 +212,16 @@ class TaskQueue:
         if at is None or not 0 <= (to := at + (1 if by > 0 else -1)) < len(waiting):
             return False
         one, other = waiting[at], waiting[to]
-        with self._begun() as connection:
-            for task, like in ((one, other), (other, one)):
-                values = {"priority": like.priority, "place": like.place, "changed": time.time()}
-                connection.execute(update(TASK).where(TASK.c.id == task.id).values(values))
-        return True
+        like = [(TASK.c.id == t.id, u) for t, u in ((one, other), (other, one))]
+        swap = update(TASK).where(_is_as(one) | _is_as(other)).values(
+            priority=case(*((is_it, u.priority) for is_it, u in like)),
+            place=case(*((is_it, u.place) for is_it, u in like)), changed=time.time(),
+        )  # fmt: skip
+        with self._catalog.connected() as connection, connection.begin() as transaction:
+            if connection.execute(swap).rowcount == 2:
+                return True
+            transaction.rollback()
+        return self.move(name, by)  # somebody else changed one of them meanwhile
 
     # what servers do
 
@@ -316,6 +321,12 @@ class TaskQueue:
         """A transaction."""
         with self._catalog.connected() as connection, connection.begin():
             yield connection
+
+
+def _is_as(task: QueuedTask) -> ColumnElement[bool]:
+    """Whether a task still waits at its place."""
+    place = (TASK.c.priority == task.priority) & (TASK.c.place == task.place)
+    return (TASK.c.id == task.id) & (TASK.c.state == "waiting") & place
 
 
 def _task(row: Row[Any]) -> QueuedTask:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pwd
+import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -122,6 +123,7 @@ def test_a_command_is_put_into_the_queue(
         )  # a further attempt can be made
     trail = (data_folder() / "audit.jsonl").read_text().splitlines()
     assert json.loads(trail[1])["action"] == "/jobs/run"
+    assert json.loads(trail[1])["form"] == [["command", f"run {shlex.join(words[1:])}"], ["priority", "high"]]
     count = len(TaskQueue(catalog).unfinished())
     for given, why in (
         (("frob", "a"), "is no job of tasks"), (("run",), "Missing argument"), (("serve",), "is no job of tasks"),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import random
 import subprocess
 import sys
+import threading
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -63,6 +65,23 @@ def test_tasks_come_by_priority_and_place(database: str) -> None:
     assert queue.get(a).stop
     assert not queue.prioritise(a, 9)
     assert not queue.retry(a)
+
+
+def test_tasks_that_many_move_at_once_keep_places_of_their_own(database: str) -> None:
+    queue = TaskQueue(Catalog(database), "here")
+    ids = [put(queue).id for _ in range(6)]
+
+    def move(seed: int) -> None:
+        draw = random.Random(seed)
+        for _ in range(40):
+            queue.move(draw.choice(ids), draw.choice((-1, 1)))
+
+    threads = [threading.Thread(target=move, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len({(t.priority, t.place) for t in queue.unfinished()}) == len(ids)
 
 
 def test_a_paused_task_waits_until_it_is_resumed(database: str) -> None:

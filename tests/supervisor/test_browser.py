@@ -56,6 +56,7 @@ def opened(browser: Any, served: Callable[..., Any]) -> Iterator[Callable[..., A
 
     def enter(address: str, token: str, **look: Any) -> Any:
         context = browser.new_context(**look)
+        context.set_default_timeout(180_000)  # where it is the first to simulate, that is compiled before
         contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: faults.append(str(error)))
@@ -425,7 +426,7 @@ def test_what_a_command_put_in_is_done_and_traced_to_all_that_it_came_from(
     words = ("run", drive, "--build", build, "--perception", model, "--criteria", criteria, "--seed", "11")
     added = json.loads(call("tasks", "add", "--json", "--tasks", tmp_path / "tasks", *words)[1])
     page.goto(f"{page.home}/tasks/{added['id']}")
-    page.locator("a:text-is('Its result')").click(timeout=120_000)
+    page.locator("a:text-is('Its result')").click()
     page.wait_for_url("**/results/*")
     result = page.url
     page.locator("details:has-text('Versions')").click()
@@ -521,10 +522,10 @@ def test_a_space_is_seen_as_it_grows(
     page.click("text=Start >> nth=-1")
     page.wait_for_url("**/tasks/*")
     bar = page.locator(".progress span")
-    bar.filter(has_text="clusters").wait_for(timeout=60_000)  # of a bucket that is done
+    bar.filter(has_text="clusters").wait_for()  # of a bucket that is done
     counted = bar.inner_text()
     page.wait_for_function("then => document.querySelector('.progress span').innerText !== then", arg=counted)
-    page.locator("a:text-is('Its result')").click(timeout=120_000)
+    page.locator("a:text-is('Its result')").click()
     page.wait_for_url("**/results/*")
     before = drives_and_scenarios(page)
     page.goto(f"{page.home}/jobs/space-grow")
@@ -532,7 +533,7 @@ def test_a_space_is_seen_as_it_grows(
     page.select_option("#f-space", index=1)
     page.click("text=Start >> nth=-1")
     page.wait_for_url("**/tasks/*")
-    page.locator("a:text-is('Its result')").click(timeout=120_000)
+    page.locator("a:text-is('Its result')").click()
     page.wait_for_url("**/results/*")
     drives, scenarios = drives_and_scenarios(page)
     assert before[0] == {"drive_0"}
