@@ -11,6 +11,7 @@ others that may change.
 from __future__ import annotations
 
 import fcntl
+from contextlib import suppress
 from pathlib import Path
 
 from numba import njit
@@ -40,8 +41,9 @@ def entry(*signatures, nogil=False):
 
     def compiled(function):
         kernel = njit(**NUMPY, nogil=nogil)(function)
-        kernel._cache = _SharedCache(function)
-        kernel.compile = kernel._cache.releasing(kernel.compile)
+        with suppress(RuntimeError):  # where no folder can be written, each process compiles for itself
+            kernel._cache = _SharedCache(function)
+            kernel.compile = kernel._cache.releasing(kernel.compile)
         for signature in signatures:
             kernel.compile(signature)
         if signatures:

@@ -10,6 +10,11 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+from numba.core.caching import CacheImpl
+
+from resim.core.compiled import entry
+
 LOOPS = """
 import numpy as np
 from resim.core.compiled import entry, inner, unfolded
@@ -98,3 +103,10 @@ def test_a_process_that_breaks_off_and_lives_on_holds_nobody_up(tmp_path: Path) 
     broken.kill()
     broken.communicate()
     assert (lengths, misses, hits) == ([5.0, 13.0], 1, 0)
+
+
+def test_where_nothing_can_be_written_it_compiles_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        CacheImpl, "_locator_classes", []
+    )  # as where neither resim's folder nor a home can be written
+    assert entry()(lambda x: 2.0 * x)(3.0) == 6.0
