@@ -59,7 +59,8 @@ class File(BaseModel):
         ({"name": 1, "quiet": []}, "name: expected text, found 1; quiet: expected true or false"),
         ({"name": "a", "outputs": {"acceleratoin": "x"}}, "outputs: a name is 'acceleratoin', expected "
          "'acceleration' or 'curvature', did you mean 'acceleration'?"),
-        ({"name": "a", "at": -1.0}, "at: expected 'ends' or 'middle', found -1.0; at: expected more than 0, found -1.0"),
+        ({"name": "a", "at": -1.0},
+         "at: expected 'ends' or 'middle', found -1.0; at: expected more than 0, found -1.0"),
         ([1], "the whole: expected a table"),
     ],
 )  # fmt: skip
