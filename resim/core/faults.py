@@ -33,6 +33,8 @@ _TYPES = {
 """What is said of a fault of this type in place of pydantic's text."""
 _CHOICES = ("literal_error", "enum")
 """Faults of what is none of several names, each of which the text has between quotation marks."""
+_ALTERNATIVE = re.compile(r"^constrained-|^literal\[")
+"""Parts of a place that say which of several types of a field was tried."""
 _CHOICE = re.compile(r"'([^']*)'")
 
 
@@ -56,7 +58,8 @@ _KEY = "[key]"
 def _said(fault: ErrorDetails, kind: Callable[..., object]) -> str:
     loc = fault["loc"]
     is_name = len(loc) > 1 and loc[-1] == _KEY
-    where = ".".join(map(str, loc[:-2] if is_name else loc)) or "the whole"
+    parts = [part for part in map(str, loc[:-2] if is_name else loc) if not _ALTERNATIVE.match(part)]
+    where = ".".join(parts) or "the whole"
     if fault["type"] == "missing":
         return f"{where}: is missing"
     if fault["type"] == "extra_forbidden":

@@ -111,8 +111,9 @@ def _drives_check(case: ReleaseCase) -> ReleaseCheck:
     drives = float(len(np.unique(case.seen.drive)))
     more = max(LEAST_DRIVES / drives - 1.0, 0.0) * case.driven["hour"] if drives else math.nan
     return ReleaseCheck(
-        "drives in which scenarios come", drives, drives, drives, float(LEAST_DRIVES), drives >= LEAST_DRIVES, False,
-        more, "our choice: with fewer, limits of rates hold too seldom where one drive in ten has most of what comes",
+        "drives in which scenarios come", drives, math.nan, math.nan, float(LEAST_DRIVES),
+        drives >= LEAST_DRIVES, False, more,
+        "our choice: with fewer, limits of rates hold too seldom where one drive in ten has most of what comes",
     )  # fmt: skip
 
 
@@ -240,7 +241,7 @@ def _found(one: ReleaseCheck) -> str:
     missing = f" ({one.missing_hours:.3g} h more are needed at least)" if one.missing_hours > 0.0 else ""
     if one.name.startswith("accidents"):
         return (f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known") + missing
-    return (f"{one.low:g}" if one.low == one.high else f"at least {one.low:.3g}") + missing
+    return (f"{one.value:g}" if math.isnan(one.low) else f"at least {one.low:.3g}") + missing
 
 
 def _how(space: Space, cover: CoverReport | None) -> str:

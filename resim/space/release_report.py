@@ -23,7 +23,7 @@ class ReleaseCheck:
     Attributes:
         name: What.
         value: What was found; NaN where nothing is known.
-        low: Lower limit of it.
+        low: Lower limit of it, NaN of what is counted and has none.
         high: Upper limit of it, NaN where there is none; for a share that must be large, the lower one decides.
         limit: What is asked for.
         met: Whether it is, with the confidence.

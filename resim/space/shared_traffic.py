@@ -74,17 +74,18 @@ def recordings_of_one_traffic(found: pd.DataFrame, new: set[str]) -> list[tuple[
     names, first = names[np.argsort(first)], np.sort(first)
     row = np.repeat(np.arange(len(names)), np.diff(first, append=len(found)))
     t = found["t"].to_numpy(float)
-    lasts = [float(np.ptp(part)) for part in np.split(t, first[1:])]
+    lasts = np.maximum.reduceat(t, first) - np.minimum.reduceat(t, first)
     who = np.asarray(found.groupby(["recording", "object"], sort=False).ngroup(), dtype=np.intp)
     out = []
     for one, two, apart in _alike(found, row, int((~found["new"]).sum())):
-        order = np.argsort(row[one], kind="stable")
-        for k in np.split(order, np.flatnonzero(np.diff(row[one[order]])) + 1):
-            if not len(k):
-                continue
-            a, b = int(row[one[k[0]]]), int(row[two[k[0]]])
-            if _agree(who[one[k]], who[two[k]], apart[k], max(lasts[a], lasts[b])):
-                out.append((str(names[a]), str(names[b])))
+        later = int(row[two[0]])
+        longest = np.maximum(lasts, lasts[later])
+        earlier = {
+            k
+            for shift in (0.0, 0.5)
+            for k in _agree(row[one], np.floor(apart / CLOCK + shift), (who[one], who[two]), longest)
+        }
+        out += [(str(names[k]), str(names[later])) for k in sorted(earlier)]
     return out
 
 
@@ -101,25 +102,27 @@ def _alike(found: pd.DataFrame, row: Ints, since: int) -> Iterator[tuple[Ints, I
         same_way = np.cos(course[one] - course[two]) >= np.cos(TURN)
         keep = (row[one] < row[two]) & same_way
         one, two = one[keep], two[keep]
+        if not len(one):
+            continue
         along = (x[two] - x[one]) * np.cos(course[one]) + (y[two] - y[one]) * np.sin(course[one])
         yield one, two, t[two] - t[one] - along / (0.5 * (v[one] + v[two]))
 
 
-def _agree(one: Ints, two: Ints, apart: Floats, lasts: float) -> bool:
-    """Say whether more vehicles agree on a time between clocks than by chance.
+def _agree(of: Ints, when: Floats, who: tuple[Ints, Ints], lasts: Floats) -> list[int]:
+    """Give the recordings of which more vehicles agree on a time between clocks than by chance.
 
-    one, two, apart (H,): numbers of vehicles of both recordings that are alike, and times [s]; lasts [s]: of the longer
-    recording, over which times spread by chance.
+    of, when, who (H,): number of the recording, of the time, and of both vehicles of what is alike; lasts (R,) [s]: of
+    each recording, or of the one that it is held against if that is longer: over which times spread by chance.
     """
-    times = max(lasts / CLOCK, 1.0)
-    for shift in (0.0, 0.5):
-        when = np.floor(apart / CLOCK + shift).astype(np.intp)
-        pairs = np.unique(np.column_stack([when, one, two]), axis=0)
-        counts = [np.unique(np.unique(pairs[:, [0, k]], axis=0)[:, 0], return_counts=True)[1] for k in (1, 2)]
-        most = int(np.minimum(*counts).max())
-        by_chance = max(len(pairs) - most, 1) / times
-        if (
-            most >= LEAST and 2.0 * times * gammainc(most, by_chance) <= CHANCE
-        ):  # P(at least so many), any time
-            return True
-    return False
+    column = [when.astype(np.intp) - int(when.min()), *who]
+    place = np.unique(of * (1 + column[0].max()) + column[0], return_inverse=True)[1]
+    one, two = (np.unique(place * (1 + part.max()) + part, return_index=True)[1] for part in column[1:])
+    most = np.minimum(*(np.bincount(place[rows]) for rows in (one, two)))
+    recording = of[np.unique(place, return_index=True)[1]]
+    every = np.unique(np.stack([place, *who]), axis=1)[0]
+    first = np.flatnonzero(np.diff(recording, prepend=-1))
+    recording, most = recording[first], np.maximum.reduceat(most, first)
+    times = np.maximum(lasts[recording] / CLOCK, 1.0)
+    by_chance = np.maximum(np.add.reduceat(np.bincount(every), first) - most, 1) / times
+    chance = 2.0 * times * gammainc(most, by_chance)  # that at least so many do at any time
+    return [int(one) for one in recording[(most >= LEAST) & (chance <= CHANCE)]]

@@ -33,6 +33,7 @@ class File(BaseModel):
     parts: list[Part] = Field(default=[], max_length=2)
     needed: tuple[Part, ...] = Field(default=(Part(length=1.0),), min_length=1)
     quiet: bool = False
+    at: Literal["ends", "middle"] | Annotated[float, Field(gt=0.0)] = "ends"
     outputs: dict[Literal["acceleration", "curvature"], str] = {}
 
 
@@ -58,6 +59,8 @@ class File(BaseModel):
         ({"name": 1, "quiet": []}, "name: expected text, found 1; quiet: expected true or false"),
         ({"name": "a", "outputs": {"acceleratoin": "x"}}, "outputs: a name is 'acceleratoin', expected "
          "'acceleration' or 'curvature', did you mean 'acceleration'?"),
+        ({"name": "a", "at": -1.0},
+         "at: expected 'ends' or 'middle', found -1.0; at: expected more than 0, found -1.0"),
         ([1], "the whole: expected a table"),
     ],
 )  # fmt: skip

@@ -63,6 +63,8 @@ def _missing(one: ReleaseCheck) -> str:
 
 
 def _interval(one: ReleaseCheck) -> str:
+    if np.isnan(one.low):
+        return "–"
     upper = number(one.high) if np.isfinite(one.high) else "not known"
     return f"{number(one.low)} to {upper}"
 
