@@ -489,6 +489,14 @@ def test_a_sweep_is_seen_as_it_grows(
     page.locator("th:text-is('distance')").wait_for()  # criteria of runs that are done
     counted = page.locator(".progress span").inner_text()
     page.wait_for_function("then => document.querySelector('.progress span').innerText !== then", arg=counted)
+    page.locator("main button:has-text('Pause')").click()
+    page.locator(".badge", has_text="paused").first.wait_for()
+    (journal,) = (tmp_path / "tasks").rglob("journal/*.jsonl")
+    done = journal.read_bytes()
+    assert done
+    page.locator("main button:has-text('Resume')").click()
+    waited(lambda: len(journal.read_bytes()) > len(done), 120.0)
+    assert journal.read_bytes().startswith(done)  # what was done is not done again
     page.locator("main button:has-text('Cancel')").click()
     page.locator(".badge", has_text="cancelled").first.wait_for()
 
