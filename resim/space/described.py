@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
 from resim.core.provenance import versions
 from resim.core.spelling import counted
 from resim.space.coverage import SeenScenarios, coverage
-from resim.space.draws import drive_numbers, scenario_draws
+from resim.space.draws import drive_numbers
 from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
 from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, rate, spread_of
@@ -47,12 +49,12 @@ def seen(space: Space, own: Ints) -> SeenScenarios:
 
 
 def _bucket(space: Space, bucket: str, own: Ints) -> BucketEntry:
-    rows, how = space.rows.iloc[own], space.links[bucket]
+    rows, how, drives = space.rows.iloc[own], space.links[bucket], space.rows["drive"].nunique()
     names = rows["cluster"].to_numpy(str)
     clusters = sorted(set(names.tolist()), key=in_order)
     return BucketEntry(
         bucket, int(rows["number"].iloc[0]), len(own), how.threshold, how.chosen, how.method, how.links,
-        tuple(_cluster(rows[names == name], space.driven) for name in clusters), coverage(seen(space, own)),
+        tuple(_cluster(rows[names == name], space.driven, drives) for name in clusters), coverage(seen(space, own)),
     )  # fmt: skip
 
 
@@ -62,18 +64,25 @@ def in_order(name: str) -> tuple[int, bool, int]:
     return int(number), own.startswith("n"), int(own.lstrip("n"))
 
 
-def _cluster(rows: pd.DataFrame, driven: tuple[float, float]) -> ClusterEntry:
-    hours, kilometres = exposure(drive_numbers(rows), driven)
+def _cluster(rows: pd.DataFrame, driven: tuple[float, float], drives: int) -> ClusterEntry:
+    hours, kilometres = exposure(drive_numbers(rows), driven, drives)
     return ClusterEntry(
         str(rows["cluster"].iloc[0]), str(rows["scenario"][rows["medoid"]].iloc[0]), len(rows),
         int(rows["occasion"].nunique()), float(rows["to_medoid"].max()), hours, kilometres,
     )  # fmt: skip
 
 
-def exposure(drive: Ints, driven: tuple[float, float]) -> tuple[IntervalEstimate, IntervalEstimate]:
-    """Give how often scenarios come, by hour and kilometre. drive (K,): of each, which is one draw of its traffic."""
+def exposure(
+    drive: Ints, driven: tuple[float, float], drives: int
+) -> tuple[IntervalEstimate, IntervalEstimate]:
+    """Give how often scenarios come, by hour and kilometre. drive (K,): of each, which is one draw of its traffic.
+
+    drives: of the space; of fewer than LEAST_DRIVES nobody knows an upper end, as others may have most of what comes.
+    """
     spread = spread_of(np.unique(drive, return_counts=True)[1])
     hours, kilometres = (rate(len(drive), one, spread) for one in driven)
+    if drives < LEAST_DRIVES:
+        hours, kilometres = replace(hours, high=np.nan), replace(kilometres, high=np.nan)
     return hours, kilometres
 
 
@@ -103,11 +112,11 @@ def _notes(space: Space, buckets: tuple[BucketEntry, ...]) -> list[str]:
             f"in {off} of {len(space.traces.lane)} scenes the EGO is on no lane: all of its slots are empty, and "
             "how much was seen counts each such scenario as a kind of its own"
         )
-    drives = len(set(scenario_draws(space.rows)))
+    drives = space.rows["drive"].nunique()
     if drives < LEAST_DRIVES:
         out.append(
-            f"all is of {counted(drives, 'drive')}: where few drives have most of what comes, intervals of rates hold "
-            f"less often than they say; from {LEAST_DRIVES} drives on they hold"
+            f"all is of {counted(drives, 'drive')}: how often scenarios come at most is not known of fewer "
+            f"than {LEAST_DRIVES}, as few drives may have most of what comes"
         )
     if len({one.egos for one in space.sources}) > 1:
         out.append("sources with every vehicle as EGO are mixed with test drives: rates are of both together")

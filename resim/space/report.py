@@ -76,7 +76,7 @@ class ClusterEntry:
         members: How many scenarios.
         occasions: How many if those that see the same maneuvers are one.
         radius: Largest distance of a member to the medoid.
-        per_hour: Rate [1/h] for an EGO.
+        per_hour: Rate [1/h] for an EGO; without an upper end where there are too few drives.
         per_kilometre: Rate [1/km] for an EGO.
     """
 

@@ -142,13 +142,26 @@ def test_rates_hold_where_drives_differ(drives: int, shape: float) -> None:
     rng, held, high = np.random.default_rng(6), 0, 0
     for _ in range(500):
         number = np.repeat(np.arange(drives), rng.poisson(20.0 * rng.gamma(shape, 1.0 / shape, drives)))
-        found, _ = exposure(number, (float(drives), 1.0))
-        held += found.low <= 20.0 <= found.high
+        found, _ = exposure(number, (float(drives), 1.0), drives)
+        held += found.low <= 20.0 and not found.high < 20.0
         exposed = ExposedScenarios(number * 0, np.arange(len(number)), number, 1)
         terms = expected_accidents(exposed, [RiskLimit(np.nan, 0.0, 1.0, False)], float(drives), 0.95)
         high += terms.thin >= 20.0
     assert held >= 0.93 * 500
     assert high >= 0.93 * 500
+
+
+@pytest.mark.parametrize("drives", [5, 10, 30, 100])
+def test_rates_hold_where_few_drives_have_most_of_what_comes(drives: int) -> None:
+    """One in ten has 200 an hour; nothing is said of the upper end where it would not hold."""
+    rng, held = np.random.default_rng(9), 0
+    for _ in range(500):
+        each = np.where(rng.random(drives) < 0.1, 200.0, 2.0)
+        number = np.repeat(np.arange(drives), rng.poisson(each))
+        found, _ = exposure(number, (float(drives), 1.0), drives)
+        held += found.low <= 0.1 * 200.0 + 0.9 * 2.0 and not found.high < 0.1 * 200.0 + 0.9 * 2.0
+        assert np.isnan(found.high) == (drives < 30)
+    assert held >= 0.93 * 500
 
 
 @pytest.mark.parametrize("drives", [5, 30, 100])

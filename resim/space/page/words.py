@@ -25,7 +25,10 @@ def interval(one: IntervalEstimate, scale: float = 1.0, unit: str = "") -> str:
     """Give `0.12 (0.05 to 0.31)`; scale: what numbers are multiplied by."""
     if math.isnan(one.value) and math.isnan(one.low):
         return "–"
-    told = f"{number(one.value * scale)} ({number(one.low * scale)} to {number(one.high * scale)})"
+    low, high = number(one.low * scale), number(one.high * scale)
+    told = (
+        f"{number(one.value * scale)} ({f'at least {low}' if math.isnan(one.high) else f'{low} to {high}'})"
+    )
     return f"{told} {unit}".rstrip()
 
 
