@@ -96,9 +96,8 @@ def add_task(
     queue = TaskQueue(catalog)
     check_room(queue, job)
     task = queue.add(folder.name, job, words, str(folder), again)
-    queue.prioritise(
-        task.id, PRIORITIES[priority]
-    )  # of one that a server took meanwhile it says nothing any more
+    # of one that a server took meanwhile it says nothing any more
+    queue.prioritise(task.id, PRIORITIES[priority])
     return queue.get(task.id)
 
 

@@ -83,9 +83,8 @@ class QueuedTask:
         """The command line of the attempt that is made now."""
         if self.attempt <= 1:
             return self.words
-        end = (
-            self.words.index("--") if "--" in self.words else len(self.words)
-        )  # behind it nothing is an option
+        # behind "--" nothing is an option
+        end = self.words.index("--") if "--" in self.words else len(self.words)
         return (*self.words[:end], *self.again, *self.words[end:])
 
 

@@ -20,7 +20,7 @@ from resim.core.spelling import counted
 from resim.space.build import cluster_buckets
 from resim.space.draws import drive_numbers
 from resim.space.model import Space
-from resim.space.statistics.rates import IntervalEstimate, share, spread_of
+from resim.space.statistics.rates import IntervalEstimate, share, spread_by
 from resim.space.statistics.unseen import unseen_share
 from resim.space.traces import Ints, joined
 
@@ -238,7 +238,7 @@ def _spread(kind: Ints, occasion: Ints, drive: Ints) -> float:
     if not len(kind):
         return 1.0
     _, first = np.unique(np.stack([kind, occasion]), axis=1, return_index=True)
-    return spread_of(np.unique(drive[first], return_counts=True)[1])
+    return spread_by(drive[first])
 
 
 def _of_cluster(rows: pd.DataFrame, column: str, label: np.ndarray) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.space.report import ConvergenceEntry, CoverageEntry, DiscoveryCurve
-from resim.space.statistics.rates import IntervalEstimate, rate, share, spread_of
+from resim.space.statistics.rates import IntervalEstimate, rate, share, spread_by
 from resim.space.statistics.unseen import HeldOutCheck, held_out, kinds_at_least, more_needed, unseen_by_drive
 from resim.space.traces import Ints
 
@@ -87,7 +87,7 @@ def convergence(once: SeenScenarios, limit: float = LIMIT) -> ConvergenceEntry:
     counts, n = _counts(once.kind), len(once.kind)
     unseen = unseen_by_drive(once.kind, once.drive)
     new = expands(once.kind, once.distance)[n // 2 :]
-    spread = spread_of(np.unique(once.drive[n // 2 :], return_counts=True)[1])
+    spread = spread_by(once.drive[n // 2 :])
     expanding = share(float(new.sum()) / spread, len(new) / spread)
     if not len(new):
         expanding = IntervalEstimate(np.nan, 0.0, 1.0)
@@ -133,7 +133,7 @@ def _more_without_growth(expanding: IntervalEstimate, of: float, limit: float) -
 def _later_discovery(once: SeenScenarios) -> tuple[IntervalEstimate, IntervalEstimate]:
     """New kinds by hour and kilometre in the later half of what was driven."""
     _, first = np.unique(once.kind, return_index=True)
-    spread = spread_of(np.unique(once.drive[first], return_counts=True)[1])
+    spread = spread_by(once.drive[first])
     out = []
     for driven, whole in zip((once.hours, once.kilometres), once.whole, strict=True):
         new = float((driven[first] >= 0.5 * whole).sum()) if np.isfinite(whole) else np.nan

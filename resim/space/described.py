@@ -13,7 +13,7 @@ from resim.space.coverage import SeenScenarios, coverage
 from resim.space.draws import drive_numbers
 from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
-from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, rate, spread_of
+from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, rate, spread_by
 from resim.space.traces import Ints
 
 LONE = 0.5
@@ -79,7 +79,7 @@ def exposure(
 
     drives: of the space; of fewer than LEAST_DRIVES nobody knows an upper end, as others may have most of what comes.
     """
-    spread = spread_of(np.unique(drive, return_counts=True)[1])
+    spread = spread_by(drive)
     hours, kilometres = (rate(len(drive), one, spread) for one in driven)
     if drives < LEAST_DRIVES:
         hours, kilometres = replace(hours, high=np.nan), replace(kilometres, high=np.nan)

@@ -21,7 +21,7 @@ from resim.core.geometry import Floats
 from resim.core.intervals import exact
 from resim.space.calibration import ReliabilityReport, believed, drives_missing
 from resim.space.risk import ClusterRisk
-from resim.space.statistics.rates import IntervalEstimate, poisson_limits, spread_of
+from resim.space.statistics.rates import IntervalEstimate, poisson_limits, spread_by
 from resim.space.statistics.unseen import unseen_by_drive
 from resim.space.traces import Ints
 
@@ -136,7 +136,7 @@ def expected_accidents(
 
 def unseen_rate(exposed: ExposedScenarios, driven: float, alpha: float) -> float:
     """Give the upper limit of how often scenarios of unseen kinds come, with error probability alpha in all."""
-    spread = spread_of(np.unique(exposed.drive, return_counts=True)[1])
+    spread = spread_by(exposed.drive)
     rate = float(poisson_limits(len(exposed.kind) / spread, 1.0 - alpha)[1]) * spread / driven
     return rate * unseen_of(exposed, 1.0 - alpha).high
 

@@ -30,7 +30,7 @@ from resim.space.release_report import (
     RemainingDomain,
 )
 from resim.space.risk import CoverReport
-from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, share, spread_of
+from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, share, spread_by
 from resim.space.test_plan import PlannedCluster, PlannedTest, test_plan
 
 SENTENCE = (
@@ -171,7 +171,7 @@ def _odd(
     left = total - float(count[out].sum())
     high = case.accidents("hour", out).high
     enough = _fits(case, out) and seen and not case.unknown  # what is in no cluster goes with none
-    spread = spread_of(np.unique(case.exposed.drive, return_counts=True)[1])
+    spread = spread_by(case.exposed.drive)
     kept = RemainingDomain(
         len(order) - len(out),
         share(left / spread, total / spread),

@@ -76,6 +76,11 @@ def spread_of(per_occasion: Sequence[int] | np.ndarray) -> float:
     return float((sizes**2).sum() / sizes.sum()) if sizes.sum() > 0.0 else 1.0
 
 
+def spread_by(number: ArrayLike) -> float:
+    """Give `spread_of` what comes at occasions, by the number (K,) of the occasion of each."""
+    return spread_of(np.unique(number, return_counts=True)[1])
+
+
 def share(count: float, of: float, confidence: float = CONFIDENCE) -> IntervalEstimate:
     """Give a share with its exact interval (Clopper and Pearson 1934), also of a mean of `of` numbers in [0, 1].
 

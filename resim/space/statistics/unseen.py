@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from resim.core.intervals import CONFIDENCE
-from resim.space.statistics.rates import IntervalEstimate, poisson_limits, share, spread_of
+from resim.space.statistics.rates import IntervalEstimate, poisson_limits, share, spread_by
 from resim.space.traces import Ints
 
 
@@ -58,7 +58,7 @@ def unseen_by_drive(kind: Ints, drive: Ints, confidence: float = CONFIDENCE) -> 
     pairs = np.unique(np.stack([which, drive]), axis=1)
     drives = np.bincount(pairs[0], minlength=len(kinds))[which]
     alone = drive[drives == 1]
-    spread = max(spread_of(np.unique(one, return_counts=True)[1]) for one in (alone, drive))
+    spread = max(spread_by(one) for one in (alone, drive))
     return _interval(float(len(alone)), float((drives == 2).sum()), float(len(kind)), spread, confidence)
 
 
@@ -157,7 +157,7 @@ def held_out(kind: Ints, drive: Ints) -> HeldOutCheck | None:
     half = len(kind) // 2
     first, second = kind[:half], kind[half:]
     predicted = unseen_by_drive(first, drive[:half])
-    spread = spread_of(np.unique(drive[half:], return_counts=True)[1])
+    spread = spread_by(drive[half:])
     new = float((~np.isin(second, first)).sum())
     found = share(new / spread, len(second) / spread)
     return HeldOutCheck(predicted, found, predicted.overlaps(found), len(second))
