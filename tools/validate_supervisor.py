@@ -2,12 +2,13 @@
 
     python tools/validate_supervisor.py [--kills 50] [--users 50] [--rounds 3] [--requests 150000]
 
-Kills: two servers on one catalog do tasks, while every second a server, or the process of a task, is killed by SIGKILL
-and servers are started again; afterwards each task must have ended, each attempt must have been made once, and none
-may have been done after it ended. Load: users who ask for a page every second while a sweep runs as a task, over a
-catalog of 2,000 results; and how long the sweep takes with and without them. Memory: as many requests as fast as they
-are answered, for pages, streams that are opened and closed, and crates, while tasks end and results come: a day of 50
-users who ask twice a minute is 144,000 requests.
+Kills: two servers on one catalog do tasks, sweeps in SUMO among them, while every second a server, or the process of a
+task, is killed by SIGKILL and servers are started again; afterwards each task must have ended, each attempt must have
+been made once, no run of a sweep may have been done twice, and the runs' tables must have the bytes of one that nothing
+disturbed. A sweep that was given up after three kills is retried, as a user would. Load: users who ask for a page every
+second while a sweep runs as a task, over a catalog of 2,000 results; and how long the sweep takes with and without
+them. Memory: as many requests as fast as they are answered, for pages, streams that are opened and closed, and crates,
+while tasks end and results come: a day of 50 users who ask twice a minute is 144,000 requests.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from pathlib import Path
 import httpx2
 import psutil
 
+from resim.execution import journal
 from resim.results.catalog import Catalog
 from resim.results.entry import CatalogEntry, CatalogInput, CatalogOutcome
 from resim.results.queue import TaskQueue, new_id
@@ -49,6 +51,8 @@ PAGES = (
     "/lake?text=pilot",
     "/jobs/run",
 )
+SWEEPS = 4
+"""That are among the tasks of which some are killed."""
 CLIENTS = 8
 """That ask at once, without a pause."""
 
@@ -83,9 +87,8 @@ def put(queue: TaskQueue, tasks: Path, *words: str, out: bool = False) -> str:
     """Put a task in, and give its id."""
     name = new_id()
     more = [f"--out={tasks / name / 'result'}"] if out else []
-    queue.add(
-        name, words[0], [*words, *more], str(tasks / name), ("--resume",) if words[0] == "sweep" else ()
-    )
+    again = ("--resume",) if words[0] == "sweep" else ()
+    queue.add(name, words[0], [*words[:-1], *more, "--", words[-1]], str(tasks / name), again)
     return name
 
 
@@ -97,14 +100,23 @@ def kills(folder: Path, count: int, seed: int) -> None:
         random.Random(seed),
     )
     drives = sorted(p.parent for p in (ROOT / "scenarios").glob("*/recording.toml"))
-    names = [put(queue, tasks, "check", "--", str(drives[k % len(drives)])) for k in range(2 * count)]
+    undisturbed = folder / "undisturbed"
+    sweep = ["sweep", "run", "--workers=1", str(slow_sweep(folder))]
+    subprocess.run(
+        [sys.executable, "-m", "resim", *sweep, f"--out={undisturbed}"], check=True, stdout=subprocess.PIPE
+    )
+    sweeps = [put(queue, tasks, *sweep, out=True) for _ in range(SWEEPS)]
+    checks = [put(queue, tasks, "check", str(drives[k % len(drives)])) for k in range(2 * count)]
+    names = [*sweeps, *checks]
     servers = [start(tasks, 2)[0] for _ in range(2)]
     killed = Counter[str]()
     for _ in range(count):
         time.sleep(chance.uniform(0.2, 1.5))
         running = [t for t in queue.unfinished() if t.state == "running"]
         if running and chance.random() < 0.5:
-            begun = read_whole(Path(chance.choice(running).folder) / "begun.json")
+            among = [t for t in running if t.job == "sweep"]
+            task = chance.choice(among if among and chance.random() < 0.5 else running)
+            begun = read_whole(Path(task.folder) / "begun.json")
             if begun and is_alive(str(begun["process"])):
                 with suppress(OSError):
                     os.killpg(number_of(str(begun["process"])), signal.SIGKILL)
@@ -114,8 +126,7 @@ def kills(folder: Path, count: int, seed: int) -> None:
         end(servers[k])
         servers[k] = start(tasks, 2)[0]
         killed["servers"] += 1
-    while queue.unfinished():
-        time.sleep(0.5)
+    given_up = _wait(queue, sweeps)
     for server in servers:
         end(server)
     ended = [queue.get(name) for name in names]
@@ -126,6 +137,48 @@ def kills(folder: Path, count: int, seed: int) -> None:
     print("|---|---|---|---|---|---|")
     what = ", ".join(f"{n} {name}" for name, n in sorted(killed.items()))
     print(f"| {what} | {len(names)} | {states['done']} | {states['lost']} | {again} | {twice} |", flush=True)
+    attempts = ", ".join(str(task.attempt) for task in ended[: len(sweeps)])
+    results = [Path(task.folder) / "result" for task in ended[: len(sweeps)]]
+    lines = [sum(p.read_bytes().count(b"\n") for p in (result / "journal").iterdir()) for result in results]
+    runs = len({entry.run for entry in journal.read(undisturbed / "journal")})
+    same = sum(_tables(result) == _tables(undisturbed) for result in results)
+    head = (
+        "sweeps in SUMO | attempts of each | given up and retried | runs | done twice | tables as undisturbed"
+    )
+    print(f"\n| {head} |\n|---|---|---|---|---|---|")
+    row = f"{len(sweeps)} | {attempts} | {given_up} | {runs}, each"
+    print(f"| {row} | {sum(lines) - runs * len(results)} | {same} |", flush=True)
+
+
+def slow_sweep(folder: Path) -> Path:
+    """Write a sweep whose runs come one by one: in SUMO, and not, as with the engine of our own, in one batch."""
+    shipped = (ROOT / "scenarios" / "sweeps" / "perception_latency.toml").read_text()
+    text = shipped.replace('engine = "direct"', 'engine = "sumo"').replace("steps = 7", "steps = 3")
+    text = text.replace("seeds = 5", "seeds = 2")
+    assert text.count('engine = "sumo"') == 1
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "slow.toml"
+    path.write_text(text.replace("../../", f"{ROOT}/").replace("../", f"{ROOT / 'scenarios'}/"))
+    return path
+
+
+def _wait(queue: TaskQueue, sweeps: list[str]) -> int:
+    """Wait until no task is left, and retry sweeps that were killed too often; gives how often that was."""
+    given_up = 0
+    while True:
+        while queue.unfinished():
+            time.sleep(0.5)
+        lost = [name for name in sweeps if queue.get(name).state == "lost"]
+        if not lost:
+            return given_up
+        given_up += sum(queue.retry(name) for name in lost)
+
+
+def _tables(result: Path) -> list[bytes]:
+    """What the tables of a sweep's runs hold."""
+    found = [path.read_bytes() for path in sorted((result / "runs").glob("*.parquet"))]
+    assert found, f"{result} has no table of runs"
+    return found
 
 
 def _made(folder: Path) -> int:
@@ -247,7 +300,7 @@ def memory(folder: Path, requests: int) -> None:
     for thread in threads:
         thread.start()
     for part in range(1, 21):
-        put(queue, tasks, "check", "--", str(ROOT / "scenarios" / "cut_in_brake"))
+        put(queue, tasks, "check", str(ROOT / "scenarios" / "cut_in_brake"))
         fill(catalog, 20)
         while sum(len(one.took) for one in asking) < requests * part / 20 and not any(
             one.fault for one in asking

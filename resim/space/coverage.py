@@ -8,7 +8,7 @@ import numpy as np
 
 from resim.core.geometry import Floats
 from resim.space.report import ConvergenceEntry, CoverageEntry, DiscoveryCurve
-from resim.space.statistics.rates import IntervalEstimate, rate, share, spread_by
+from resim.space.statistics.rates import IntervalEstimate, for_drives, rate, share, spread_by
 from resim.space.statistics.unseen import HeldOutCheck, held_out, kinds_at_least, more_needed, unseen_by_drive
 from resim.space.traces import Ints
 
@@ -50,13 +50,13 @@ class SeenScenarios:
         )  # fmt: skip
 
 
-def coverage(seen: SeenScenarios) -> CoverageEntry:
-    """Give how much of a space was seen.
+def coverage(seen: SeenScenarios, drives: int) -> CoverageEntry:
+    """Give how much of a space was seen. drives: of the whole space (`for_drives`).
 
     Scenarios of one kind and occasion are one: several EGOs that see the same lane change tell of one kind once.
     """
     once = first_of_each(seen)
-    hours, kilometres = _later_discovery(once)
+    hours, kilometres = _later_discovery(once, drives)
     return CoverageEntry(
         kinds_at_least(_counts(once.kind)), hours, kilometres, convergence(once), halves(once), curve(once)
     )
@@ -130,14 +130,14 @@ def _more_without_growth(expanding: IntervalEstimate, of: float, limit: float) -
     return n - of
 
 
-def _later_discovery(once: SeenScenarios) -> tuple[IntervalEstimate, IntervalEstimate]:
+def _later_discovery(once: SeenScenarios, drives: int) -> tuple[IntervalEstimate, IntervalEstimate]:
     """New kinds by hour and kilometre in the later half of what was driven."""
     _, first = np.unique(once.kind, return_index=True)
     spread = spread_by(once.drive[first])
     out = []
     for driven, whole in zip((once.hours, once.kilometres), once.whole, strict=True):
         new = float((driven[first] >= 0.5 * whole).sum()) if np.isfinite(whole) else np.nan
-        out.append(rate(new, 0.5 * whole, spread))
+        out.append(for_drives(rate(new, 0.5 * whole, spread), drives))
     return out[0], out[1]
 
 

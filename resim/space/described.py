@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 
@@ -13,7 +11,7 @@ from resim.space.coverage import SeenScenarios, coverage
 from resim.space.draws import drive_numbers
 from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
-from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, rate, spread_by
+from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, for_drives, rate, spread_by
 from resim.space.traces import Ints
 
 LONE = 0.5
@@ -22,9 +20,9 @@ LONE = 0.5
 
 def report(space: Space, files: dict[str, str]) -> SpaceReport:
     """Give what space.json says. files: hashes of the tables."""
-    rows, driven = space.rows, space.driven
-    buckets = tuple(_bucket(space, bucket, own) for bucket, own in space.by_bucket())
-    whole = coverage(seen(space, np.arange(len(rows))))
+    rows, driven, drives = space.rows, space.driven, space.rows["drive"].nunique()
+    buckets = tuple(_bucket(space, bucket, own, drives) for bucket, own in space.by_bucket())
+    whole = coverage(seen(space, np.arange(len(rows))), drives)
     return SpaceReport(
         versions(), files, space.settings, space.sources, len(rows), driven[0], driven[1], buckets, whole,
         tuple(_notes(space, buckets)),
@@ -48,13 +46,14 @@ def seen(space: Space, own: Ints) -> SeenScenarios:
     )  # fmt: skip
 
 
-def _bucket(space: Space, bucket: str, own: Ints) -> BucketEntry:
-    rows, how, drives = space.rows.iloc[own], space.links[bucket], space.rows["drive"].nunique()
+def _bucket(space: Space, bucket: str, own: Ints, drives: int) -> BucketEntry:
+    rows, how = space.rows.iloc[own], space.links[bucket]
     names = rows["cluster"].to_numpy(str)
     clusters = sorted(set(names.tolist()), key=in_order)
     return BucketEntry(
         bucket, int(rows["number"].iloc[0]), len(own), how.threshold, how.chosen, how.method, how.links,
-        tuple(_cluster(rows[names == name], space.driven, drives) for name in clusters), coverage(seen(space, own)),
+        tuple(_cluster(rows[names == name], space.driven, drives) for name in clusters),
+        coverage(seen(space, own), drives),
     )  # fmt: skip
 
 
@@ -77,12 +76,10 @@ def exposure(
 ) -> tuple[IntervalEstimate, IntervalEstimate]:
     """Give how often scenarios come, by hour and kilometre. drive (K,): of each, which is one draw of its traffic.
 
-    drives: of the space; of fewer than LEAST_DRIVES nobody knows an upper end, as others may have most of what comes.
+    drives: of the space (`for_drives`).
     """
     spread = spread_by(drive)
-    hours, kilometres = (rate(len(drive), one, spread) for one in driven)
-    if drives < LEAST_DRIVES:
-        hours, kilometres = replace(hours, high=np.nan), replace(kilometres, high=np.nan)
+    hours, kilometres = (for_drives(rate(len(drive), one, spread), drives) for one in driven)
     return hours, kilometres
 
 

@@ -250,10 +250,13 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         (600.0, 600.0),
         np.arange(600) // 4,
     )
-    assert coverage(many).convergence.converged
-    assert coverage(many).discovery_per_hour.value == 0.0
-    assert coverage(many).discovery_per_hour.high > 0.0
-    alone = coverage(replace(many, drive=np.zeros(600, int))).convergence  # the next drive may have others
+    found = coverage(many, 150)
+    assert found.convergence.converged
+    assert found.discovery_per_hour.value == 0.0
+    assert found.discovery_per_hour.high > 0.0
+    assert np.isnan(coverage(many, 29).discovery_per_hour.high)  # few drives may have most of what comes
+    assert np.isnan(coverage(many, 29).discovery_per_kilometre.high)
+    alone = coverage(replace(many, drive=np.zeros(600, int)), 1).convergence  # the next drive may have others
     assert (alone.converged, alone.unseen.value) == (False, 1.0)
     assert alone.missing > 600
     growing = SeenScenarios(
@@ -265,7 +268,7 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         (600.0, 600.0),
         np.arange(600) // 4,
     )
-    assert not coverage(growing).convergence.converged
+    assert not coverage(growing, 150).convergence.converged
 
 
 def test_who_expands_a_kind() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,6 +64,14 @@ def rate(
     return IntervalEstimate(
         count / driven, float(low) * spread / driven, float(high) * spread / driven, confidence
     )
+
+
+def for_drives(estimate: IntervalEstimate, drives: int) -> IntervalEstimate:
+    """Give a rate as it is known of a number of drives.
+
+    Of fewer than LEAST_DRIVES it has no upper end (NaN): others may have most of what comes.
+    """
+    return replace(estimate, high=np.nan) if drives < LEAST_DRIVES else estimate
 
 
 def spread_of(per_occasion: Sequence[int] | np.ndarray) -> float:
