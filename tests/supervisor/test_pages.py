@@ -9,6 +9,7 @@ import platform
 import re
 import shutil
 import tempfile
+import threading
 import time
 import zipfile
 from dataclasses import replace
@@ -17,6 +18,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from supervised import waited
 
 from resim.recordings.content import content_hash
 from resim.results.asked import AskedResults, AskedValue, write_asked
@@ -184,13 +186,19 @@ def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
         ("done", "there"), ("missing", "not yet"), ("missing", "not yet"), ("missing", "not yet"),
         ("done", "there"), ("missing", "not yet"), ("missing", "not yet"),
     ]  # fmt: skip
+    (drive,) = [f for f in supervisor.files("recording", most=9) if f.name == "cut_in_brake"]
+    for path in ("/experiments?text=cut_in_brake", f"/experiments/{drive.id}"):
+        for name in ("gt.csv", "sd.csv"):
+            assert (
+                f'href="/open/lake/{drive.id}/{name}" target="_blank" rel="noopener">there'
+                in user.get(path).text
+            )
     known.add(entry())
     told = cells(user.get("/experiments?text=cut_in_brake").text, "cut_in_brake")
     assert told == [
         ("done", "there"), ("good", "PASS"), ("bad", "FAIL"), ("missing", "not yet"),
         ("done", "there"), ("missing", "not yet"), ("unsure", "INVALID"),
     ]  # fmt: skip
-    (drive,) = [f for f in supervisor.files("recording", most=9) if f.name == "cut_in_brake"]
     name = new_id()
     supervisor.queue.add(name, "run", ("run", "--", drive.folder), f"/tasks/{name}")
     assert cells(user.get("/experiments?state=waiting").text, "cut_in_brake")[2] == ("waiting", "waiting")
@@ -336,6 +344,27 @@ def test_the_dashboard_shows_who_works(supervisor: Any, user: Any) -> None:
     rows = re.findall(r"process (\d+)(, this server)?</span></th><td[^>]*>([^<]*)</td>.*?<code>(\w+)", text)
     own = supervisor.worker.server.partition("@")[0]
     assert rows == [(own, ", this server", "1 of 1", "111111"), ("77", "", "1", "000000")]
+
+
+def test_the_dashboard_shows_how_busy_the_cores_are_whichever_thread_asks(supervisor: Any, user: Any) -> None:
+    assert "not known yet" in user.get("/").text
+    stop, text = threading.Event(), ""
+
+    def work() -> None:
+        while not stop.is_set():
+            pass
+
+    worker = threading.Thread(target=work)
+    worker.start()
+    supervisor.changes.start()
+    try:
+        waited(lambda: supervisor.changes.busy)
+        text = user.get("/").text
+    finally:
+        stop.set()
+        supervisor.changes.stop()
+        worker.join()
+    assert int(re.findall(r"Cores</h2><p class=\"big\">(\d+) %", text)[0]) > 0
 
 
 def test_crates_leave_nothing_behind(

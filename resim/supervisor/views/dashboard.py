@@ -62,7 +62,7 @@ def dashboard(supervisor: Supervisor, request: Request) -> Told:
     newest = find_page(supervisor.catalog, LakeQuery(kinds=RESULTS), most=LATEST)
     unfinished = unfinished_by_state(supervisor)
     return "dashboard.html", {
-        "machine": machine_load(supervisor.settings.tasks),
+        "machine": machine_load(supervisor.settings.tasks, supervisor.changes.busy),
         "running": unfinished["running"],
         "progress": progress_of(unfinished["running"]),
         "waiting": unfinished["waiting"][:LATEST],
