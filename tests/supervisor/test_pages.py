@@ -603,6 +603,11 @@ def test_one_click_leads_to_the_traces_of_a_run_above_others(
     assert f'value="{runs[0].id}" selected' in form
     assert f'value="{runs[1].id}" selected' not in form
     assert re.search(r'name="together".*?<option selected>yes', form)
+    for day, run in enumerate(runs, start=1):  # told apart
+        assert (
+            f'value="{run.id}"{" selected" if day == 1 else ""}>run cut_in_brake, 2026-11-0{day} 05:00:00, pilot-1.0<'
+            in form
+        )
 
 
 def test_moments_at_which_criteria_were_not_met_open_the_player_there(
