@@ -478,7 +478,7 @@ def test_what_a_command_put_in_is_done_and_traced_to_all_that_it_came_from(
         [sys.executable, "-m", *again], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert made.returncode == 1, made.stderr  # its verdict is bad, as that of the corner case is
-    first = tmp_path / "tasks" / added["id"] / "result"
+    first = tmp_path / "tasks" / added["id"] / drive.name
     for name in ("tracks.parquet", "kpis.parquet", "plans.parquet"):
         assert (tmp_path / "again" / name).read_bytes() == (first / name).read_bytes()
 
