@@ -168,6 +168,13 @@ def test_results_are_listed_filtered_and_paged(user: Any, known: Catalog) -> Non
     assert "No result fits" in user.get("/results?text=100%25").text
 
 
+def test_what_is_never_judged_hides_no_verdict_on_the_dashboard(user: Any, known: Catalog) -> None:
+    known.add(one := entry(), *(entry("mined", day, kind="mining", verdict="") for day in range(2, 12)))
+    text = user.get("/").text
+    assert f'href="/results/{one.id}"' in text.partition("Newest verdicts")[2]
+    assert '<p class="big">11</p>' in text.partition("Catalog</h2>")[2]  # all results are counted
+
+
 def test_what_is_never_judged_is_not_said_to_be_not_judged(user: Any, known: Catalog) -> None:
     told = {"verdict": "", "counts": {"scenarios": 1, "recordings": 2}, "outcomes": ()}
     known.add(one := entry("cut_in_brake", kind="mining", **told), entry("swept", 2, kind="sweep", **told))
