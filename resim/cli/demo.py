@@ -20,6 +20,8 @@ PARTS = (
     "networks/proving_ground.xodr",
     "scenarios/criteria",
     "scenarios/cut_in_brake",
+    "scenarios/overtake",
+    "scenarios/rear_end",
 )
 """What the example is made of, by its place in the project; the wheel holds it in `resim/shipped`."""
 

@@ -244,7 +244,7 @@ def mirror(
 def backup(
     file: Annotated[Path, typer.Argument(help="A new file, which you alone may read.")],
 ) -> None:
-    """Keep what follows from no files: tasks, registered paths, audit trail, key of the tokens."""
+    """Keep what follows from no files: tasks, registered paths, where other results lie, audit trail, key of tokens."""
     from resim.jobs.lake import lake_backup
 
     _counted("kept", lake_backup(file))
@@ -256,7 +256,8 @@ def restore(
 ) -> None:
     """Put back what a backup holds and is not there; then `resim lake scan` makes the index again.
 
-    Tasks that waited or ran wait again: the next `resim serve` does them.
+    Results that lie below no registered path are entered at once. Tasks that waited or ran wait again: the next
+    `resim serve` does them.
     """
     from resim.jobs.lake import lake_restore
     from resim.results.tables import TASK

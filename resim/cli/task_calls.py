@@ -15,7 +15,7 @@ from resim.cli.app import app
 from resim.cli.job_forms import job_forms
 from resim.cli.parameters import texts_of
 from resim.core.errors import InputError
-from resim.supervisor.forms import JobForm
+from resim.supervisor.forms import JobForm, called_like
 
 
 def task_call(words: Sequence[str], folder: Path) -> tuple[JobForm, list[str]]:
@@ -27,15 +27,25 @@ def task_call(words: Sequence[str], folder: Path) -> tuple[JobForm, list[str]]:
     form = _form_of(words)
     path = _path(form)
     given = list(words[len(path) :])
-    if form.out and not _has(given, form.out):
-        given.insert(0, f"{form.out}={folder / f'result{form.suffix}'}")
+    is_ours = bool(form.out) and not _has(given, form.out)
+    if is_ours:
+        given.insert(0, f"{form.out}={folder / 'result'}{form.suffix}")
     command: Any = typer.main.get_command(app)
     for word in path:
         command = command.commands[word]
     with command.make_context(" ".join(("resim", *path)), given) as context:
         options = [w for p in command.params if not _is_argument(p) for w in _words(context, p)]
         arguments = [w for p in command.params if _is_argument(p) for w in _texts(context, p)]
+    if is_ours:
+        at = next(k for k, option in enumerate(options) if option.startswith(f"{form.out}="))
+        options[at] = f"{form.out}={folder / _called((*options[:at], *options[at + 1 :]), arguments, form)}"
     return form, [*path, *options, *(["--", *arguments] if arguments else [])]
+
+
+def _called(options: Sequence[str], arguments: Sequence[str], form: JobForm) -> str:
+    """The name of a result as forms give it: like the first file that the command is given."""
+    told = (*arguments, *(option.partition("=")[2] for option in options))
+    return called_like([Path(text) for text in told if text.startswith("/")], form.suffix) + form.suffix
 
 
 def _form_of(words: Sequence[str]) -> JobForm:

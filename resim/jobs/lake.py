@@ -241,7 +241,7 @@ def _place_of(lake: Catalog, digest: str) -> str | None:
 
 
 def lake_backup(file: str | Path, *, catalog: str | None = None) -> dict[str, int]:
-    """Write what follows from no files: tasks, registered paths, audit trail, key of the tokens.
+    """Write what follows from no files: tasks, registered paths, where other results lie, audit trail, key of tokens.
 
     Args:
         file: A new file, which this user alone may read.
@@ -257,7 +257,7 @@ def lake_backup(file: str | Path, *, catalog: str | None = None) -> dict[str, in
 
 
 def lake_restore(file: str | Path, *, catalog: str | None = None) -> dict[str, int]:
-    """Put back what a backup holds and is not there; nothing that is there is changed.
+    """Put back what a backup holds and is not there, and enter results that no scan finds.
 
     Args:
         file: What `lake_backup` wrote.

@@ -1,5 +1,6 @@
-"""What of a catalog follows from no files, and is lost with it: the queue and the registered paths; with the audit
-trail, the users and the key of the Supervisor's cookies, kept in one file."""
+"""What of a catalog follows from no files, and is lost with it: the queue, the registered paths, and where results lie
+that commands entered elsewhere; with the audit trail, the users and the key of the Supervisor's cookies, kept in one
+file."""
 
 from __future__ import annotations
 
@@ -18,13 +19,15 @@ from resim.core.files import open_file
 from resim.results.catalog import Catalog
 from resim.results.database import VERSION
 from resim.results.queue import QueuedTask
+from resim.results.scanning import enter, entered_of
 from resim.results.tables import ROOT, TASK
 
 STATE = (ROOT, TASK)
 OWN = ("audit.jsonl", "serve.key", "users.json")
 """Files beside the catalog that are state, too."""
+RESULTS = "results"
 _TABLES, _LARGEST = "tables.json", 1_000_000_000
-_TASK = TypeAdapter(QueuedTask)
+_TASK, _FOLDERS = TypeAdapter(QueuedTask), TypeAdapter(list[str])
 _LATEST = 10_000_000_000
 """s since 1970 of the latest time that anybody means; numbers of tasks are smaller."""
 
@@ -38,8 +41,9 @@ def back_up(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
         rows = {
             table.name: [dict(row._mapping) for row in connection.execute(select(table))] for table in STATE
         }
-    told = json.dumps({"resim-backup": VERSION, **rows}).encode()
-    counts = {name: len(of) for name, of in rows.items()}
+    entered = [str(folder) for folder in entered_of(catalog)]
+    told = json.dumps({"resim-backup": VERSION, **rows, RESULTS: entered}).encode()
+    counts = {name: len(of) for name, of in rows.items()} | ({RESULTS: len(entered)} if entered else {})
     try:
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
@@ -62,9 +66,10 @@ def back_up(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
 def restore(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
     """Put back what a backup holds: tasks and paths that are not there, and files that are not; says how many of each.
 
-    Nothing that is there is changed. Raises InputError for what is no backup of this version.
+    Results that lie below no registered path are entered again, where they are. Nothing that is there is changed.
+    Raises InputError for what is no backup of this version.
     """
-    rows, held = _read(file)
+    rows, entered, held = _read(file)
     try:
         data.mkdir(parents=True, exist_ok=True)
     except OSError as e:
@@ -78,6 +83,8 @@ def restore(catalog: Catalog, data: Path, file: Path) -> dict[str, int]:
             if new:
                 connection.execute(insert(table), new)
             counts[table.name] = len(new)
+    if entered:
+        counts[RESULTS] = enter(catalog, entered)
     for name, content in held.items():
         try:
             descriptor = os.open(data / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -95,8 +102,8 @@ def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:
     archive.addfile(member, BytesIO(content))
 
 
-def _read(file: Path) -> tuple[dict[str, list[dict[str, Any]]], dict[str, bytes]]:
-    """Tables and files of a backup: by their names alone, so that nothing is written elsewhere."""
+def _read(file: Path) -> tuple[dict[str, list[dict[str, Any]]], list[Path], dict[str, bytes]]:
+    """Tables, folders of results and files of a backup: by their names alone, so that nothing is written elsewhere."""
     remedy = "Give a file that `resim lake backup` wrote."
     held: dict[str, bytes] = {}
     try:
@@ -108,13 +115,16 @@ def _read(file: Path) -> tuple[dict[str, list[dict[str, Any]]], dict[str, bytes]
         told = json.loads(held.pop(_TABLES))
         version = told["resim-backup"]
         rows = {table.name: _rows(table, told[table.name]) for table in STATE}
+        entered = [Path(folder) for folder in _FOLDERS.validate_python(told[RESULTS], strict=True)]
+        if any("\0" in str(folder) or not folder.is_absolute() for folder in entered):
+            raise ValueError("names what is no folder")
     except (OSError, EOFError, tarfile.TarError, ValueError, KeyError, TypeError, RecursionError) as e:
         raise InputError(file, "is no backup that can be read", remedy) from e
     if version != VERSION:
         raise InputError(
             file, f"is a backup of version {version}, expected {VERSION}", "Use the resim that wrote it."
         )
-    return rows, held
+    return rows, entered, held
 
 
 def _rows(table: Any, told: list[dict[str, Any]]) -> list[dict[str, Any]]:

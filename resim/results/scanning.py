@@ -94,6 +94,28 @@ def roots_of(catalog: Catalog) -> list[Path]:
         return [Path(path) for path in connection.scalars(found)]
 
 
+def entered_of(catalog: Catalog) -> list[Path]:
+    """Give the folders of this machine's results that lie below no registered path: commands entered them, and no scan
+    finds them.
+    """
+    roots = roots_of(catalog)
+    mine = select(ITEM.c.folder).where(ITEM.c.host == platform.node(), ITEM.c.kind.in_([*KINDS]))
+    with catalog.connected() as connection:
+        folders = [Path(folder) for folder in connection.scalars(mine.distinct().order_by(ITEM.c.folder))]
+    return [folder for folder in folders if not any(folder.is_relative_to(root) for root in roots)]
+
+
+def enter(catalog: Catalog, folders: Iterable[Path]) -> int:
+    """Enter the results in folders, as the commands that wrote them did. Says how many are there, and whole."""
+    count = 0
+    for folder in folders:
+        kind = next((kind for kind, (mark, _) in KINDS.items() if (folder / mark).is_file()), None)
+        if kind is not None and (entries := _read(kind, folder, lambda what, path: None)):
+            catalog.add(*entries)
+            count += 1
+    return count
+
+
 def unregister(catalog: Catalog, paths: Iterable[Path]) -> int:
     """Forget paths and all that is known below them; files stay. Says how much that was."""
     count = 0

@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import psutil
 from starlette.concurrency import run_in_threadpool
 
 from resim.core.errors import ResimError
@@ -48,12 +49,14 @@ class Changes:
     Attributes:
         count: Another number after every change.
         scanned: Whether the registered folders were looked at once.
+        busy: Share of the cores that was at work over the last second [%], None in the first one.
     """
 
     def __init__(self, supervisor: Supervisor) -> None:
         self._supervisor = supervisor
         self.count = 0
         self.scanned = False
+        self.busy: float | None = None
         self._seen: object = None
         self._ending = threading.Event()
         self._threads = [threading.Thread(target=t, daemon=True) for t in (self._watch, self._scan)]
@@ -73,7 +76,9 @@ class Changes:
         return self._ending.is_set()
 
     def _watch(self) -> None:
+        psutil.cpu_percent()  # from here on: it tells each thread what was since the thread's own last look
         while not self._ending.wait(EVERY):
+            self.busy = psutil.cpu_percent()
             try:
                 seen: object = self._supervisor.version()
             except ResimError as e:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -137,10 +138,14 @@ def _drives_in(suite: str, stamp: int) -> frozenset[str]:
 
 def _recorded(item: LakeItem, row: str, there: bool) -> StepCell:
     if item.fault:
-        return StepCell("bad", "cannot be read")
+        return StepCell("bad", "cannot be read", f"/experiments/{item.id}")
     if not there:
         return StepCell("bad" if row == "GT" else "missing", "no file")
-    return StepCell("done", "there")
+    names = (
+        [f"{row.lower()}.{suffix}" for suffix in ("csv", "parquet")] if item.host == platform.node() else []
+    )
+    name = next((name for name in names if (Path(item.folder) / name).is_file()), None)
+    return StepCell("done", "there", "" if name is None else f"/open/lake/{item.id}/{name}")
 
 
 def _cell(outcomes: Sequence[OutcomeOf], task: QueuedTask | None, there: bool) -> StepCell:

@@ -124,7 +124,7 @@ def command_line(form: JobForm, given: Sequence[tuple[str, str]], path_of: PathO
             else:
                 arguments += texts
     if form.out:
-        options.append(f"{form.out}={folder / f'{called or _called_like(paths, form.suffix)}{form.suffix}'}")
+        options.append(f"{form.out}={folder / f'{called or called_like(paths, form.suffix)}{form.suffix}'}")
     return [*form.words, *options, *(["--", *arguments] if arguments else [])]
 
 
@@ -136,8 +136,8 @@ def _name(field: FormField, values: Sequence[str], suffix: str) -> str:
     return told
 
 
-def _called_like(paths: Sequence[Path], suffix: str) -> str:
-    """The name of a result: that of the first file that it is made of."""
+def called_like(paths: Sequence[Path], suffix: str) -> str:
+    """Give the name of a result, without its suffix: that of the first file that it is made of, "result" of none."""
     stem = next((path.name.removesuffix(".json").removesuffix(".jscen") for path in paths), "")
     stem = re.sub(r"\.(toml|xodr|csv|parquet|xml|xosc|osi|mcap)$", "", stem)
     told = re.sub(r"[^A-Za-z0-9_.+-]", "_", stem)[:60].lstrip(".+-")

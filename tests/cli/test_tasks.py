@@ -102,10 +102,17 @@ def test_a_command_is_put_into_the_queue(
     assert (task.job, task.priority, task.folder) == ("run", 1, str(home / task.id))
     assert (words[0], words[-2:]) == ("run", ["--", f"{here}/drives/a b"])
     assert {*words[1:-2]} == {
-        f"--out={home / task.id / 'result'}", "--seed=7", f"--build={here}/{build}", "--no-stop-at-collision",
+        f"--out={home / task.id / 'a_b'}", "--seed=7", f"--build={here}/{build}", "--no-stop-at-collision",
         f"--traffic={here}/traffic.json",
     }  # fmt: skip
     sweep = ROOT / "scenarios/sweeps/perception_latency.toml"
+    for given, called in (  # as forms call results
+        (("suite", "new", "drives/a b", "--criteria", ROOT / "scenarios/criteria/highway.toml"), "a_b.toml"),
+        (("play", "drives/a b"), "a_b.html"),
+        (("sweep", "run", sweep), "perception_latency"), (("mine", "drives/a b", "--out", "b"), "b"),
+    ):  # fmt: skip
+        (out,) = (Path(w.removeprefix("--out=")) for w in words_of(call, *given) if w.startswith("--out="))
+        assert out.name == called
     for given, job in (
         (("check", "drives/a b"), "check"), (("check", "drives/a b", "--fix", "b"), "repair"),
         (("verify", "--replay", "v"), "replay"),

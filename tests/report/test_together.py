@@ -44,6 +44,7 @@ def test_sources_of_all_drives_are_layers_with_colours_of_their_own(
         "GT 2",
         "SD 2",
     ]  # the third is the first once more
+    assert found.notes[-1] == "3: cut_in_brake: GT, SD exactly as above, shown once"
     assert all(found.ego in layer.tracks.ids for layer in found.layers)
     assert [layer.is_sensed for layer in found.layers] == [False, True, False, True]
     assert [m.source for m in found.marks if m.text.endswith("bump")] == ["GT 2"]

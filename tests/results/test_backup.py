@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import stat
 import tarfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import Call
@@ -46,6 +48,31 @@ def test_tasks_paths_audit_and_key_come_back(database: str, tmp_path: Path) -> N
     assert again.counts()["cancelled"] == 1  # what is there stays as it is
     with pytest.raises(InputError, match="is there already"):
         back_up(catalog, data, file)
+
+
+@pytest.mark.slow
+def test_results_that_no_scan_finds_are_entered_again(tmp_path: Path, call: Call, monkeypatch: Any) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / "catalog.sqlite"))
+    drive = ROOT / "scenarios" / "overtake"
+    assert call("lake", "add", ROOT / "networks", drive)[0] == 0
+    assert call("assess", "drive", drive, "--out", tmp_path / "one")[0] == 0
+    shutil.copytree(tmp_path / "one", tmp_path / "gone")
+    assert call("runs", "add", tmp_path / "gone")[0] == 0
+    assert (
+        call("lake", "backup", tmp_path / "kept")[1].strip() == "kept: 2 resim_root, 0 resim_task, 2 results"
+    )
+    shutil.rmtree(tmp_path / "gone")
+    told = []
+    for path in ("catalog.sqlite", "again.sqlite"):
+        monkeypatch.setenv("RESIM_CATALOG", str(tmp_path / path))
+        restored = call("lake", "restore", tmp_path / "kept")
+        assert (restored[0], call("lake", "scan")[0]) == (0, 0)
+        rows = call("lake", "find", "--format", "csv")[1].splitlines()
+        told.append(sorted(row for row in rows if f"{tmp_path}/gone" not in row))
+    assert restored[1].strip() == "put back: 2 resim_root, 0 resim_task, 1 results"
+    assert told[0] == told[1]
+    assert any(f"{tmp_path}/one" in row for row in told[1])
 
 
 def test_what_is_no_backup_changes_nothing(tmp_path: Path) -> None:

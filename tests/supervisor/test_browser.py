@@ -272,6 +272,36 @@ def test_words_tell_the_last_state_of_a_simulation(
     )
 
 
+def test_a_change_that_comes_while_a_page_is_fetched_is_shown(
+    opened: Callable[..., Any], served: Callable[..., Any], catalog: str, tmp_path: Path
+) -> None:
+    queue, names = (
+        TaskQueue(Catalog(catalog), "another machine"),
+        [new_id() for _ in range(2)],
+    )  # where nobody does it
+    for name in names:
+        (tmp_path / "tasks" / name).mkdir(parents=True)
+    _, address, token = served()
+    page = opened(address, token)
+    page.goto(f"{page.home}/tasks")
+    page.locator("#connection", has_text="live").wait_for()
+    fetched: list[str] = []
+
+    def slowly(route: Any) -> None:
+        answer = route.fetch()
+        fetched.append(answer.text())
+        if len(fetched) == 1:
+            queue.add(names[1], "check", ("check",), str(tmp_path / "tasks" / names[1]))
+            page.wait_for_timeout(3000)  # in which the browser is told
+        route.fulfill(response=answer)
+
+    page.route("**/tasks", slowly)
+    queue.add(names[0], "check", ("check",), str(tmp_path / "tasks" / names[0]))
+    page.locator("a", has_text=names[0][:6]).wait_for()
+    page.locator("a", has_text=names[1][:6]).wait_for(timeout=8000)  # long before the page looks by itself
+    assert names[1] not in fetched[0]
+
+
 EVIL = """<!DOCTYPE html><title>waiting</title><script>(async () => {
   const told = [];
   for (const path of ["/tasks", "/", "/events"]) {
@@ -448,7 +478,7 @@ def test_what_a_command_put_in_is_done_and_traced_to_all_that_it_came_from(
         [sys.executable, "-m", *again], cwd=tmp_path, capture_output=True, text=True, check=False
     )
     assert made.returncode == 1, made.stderr  # its verdict is bad, as that of the corner case is
-    first = tmp_path / "tasks" / added["id"] / "result"
+    first = tmp_path / "tasks" / added["id"] / drive.name
     for name in ("tracks.parquet", "kpis.parquet", "plans.parquet"):
         assert (tmp_path / "again" / name).read_bytes() == (first / name).read_bytes()
 

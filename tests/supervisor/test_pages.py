@@ -9,6 +9,7 @@ import platform
 import re
 import shutil
 import tempfile
+import threading
 import time
 import zipfile
 from dataclasses import replace
@@ -17,6 +18,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from supervised import waited
 
 from resim.recordings.content import content_hash
 from resim.results.asked import AskedResults, AskedValue, write_asked
@@ -166,6 +168,13 @@ def test_results_are_listed_filtered_and_paged(user: Any, known: Catalog) -> Non
     assert "No result fits" in user.get("/results?text=100%25").text
 
 
+def test_what_is_never_judged_hides_no_verdict_on_the_dashboard(user: Any, known: Catalog) -> None:
+    known.add(one := entry(), *(entry("mined", day, kind="mining", verdict="") for day in range(2, 12)))
+    text = user.get("/").text
+    assert f'href="/results/{one.id}"' in text.partition("Newest verdicts")[2]
+    assert '<p class="big">11</p>' in text.partition("Catalog</h2>")[2]  # all results are counted
+
+
 def test_what_is_never_judged_is_not_said_to_be_not_judged(user: Any, known: Catalog) -> None:
     told = {"verdict": "", "counts": {"scenarios": 1, "recordings": 2}, "outcomes": ()}
     known.add(one := entry("cut_in_brake", kind="mining", **told), entry("swept", 2, kind="sweep", **told))
@@ -184,13 +193,19 @@ def test_a_drive_shows_what_was_found_what_is_missing_and_what_runs(
         ("done", "there"), ("missing", "not yet"), ("missing", "not yet"), ("missing", "not yet"),
         ("done", "there"), ("missing", "not yet"), ("missing", "not yet"),
     ]  # fmt: skip
+    (drive,) = [f for f in supervisor.files("recording", most=9) if f.name == "cut_in_brake"]
+    for path in ("/experiments?text=cut_in_brake", f"/experiments/{drive.id}"):
+        for name in ("gt.csv", "sd.csv"):
+            assert (
+                f'href="/open/lake/{drive.id}/{name}" target="_blank" rel="noopener">there'
+                in user.get(path).text
+            )
     known.add(entry())
     told = cells(user.get("/experiments?text=cut_in_brake").text, "cut_in_brake")
     assert told == [
         ("done", "there"), ("good", "PASS"), ("bad", "FAIL"), ("missing", "not yet"),
         ("done", "there"), ("missing", "not yet"), ("unsure", "INVALID"),
     ]  # fmt: skip
-    (drive,) = [f for f in supervisor.files("recording", most=9) if f.name == "cut_in_brake"]
     name = new_id()
     supervisor.queue.add(name, "run", ("run", "--", drive.folder), f"/tasks/{name}")
     assert cells(user.get("/experiments?state=waiting").text, "cut_in_brake")[2] == ("waiting", "waiting")
@@ -336,6 +351,27 @@ def test_the_dashboard_shows_who_works(supervisor: Any, user: Any) -> None:
     rows = re.findall(r"process (\d+)(, this server)?</span></th><td[^>]*>([^<]*)</td>.*?<code>(\w+)", text)
     own = supervisor.worker.server.partition("@")[0]
     assert rows == [(own, ", this server", "1 of 1", "111111"), ("77", "", "1", "000000")]
+
+
+def test_the_dashboard_shows_how_busy_the_cores_are_whichever_thread_asks(supervisor: Any, user: Any) -> None:
+    assert "not known yet" in user.get("/").text
+    stop, text = threading.Event(), ""
+
+    def work() -> None:
+        while not stop.is_set():
+            pass
+
+    worker = threading.Thread(target=work)
+    worker.start()
+    supervisor.changes.start()
+    try:
+        waited(lambda: supervisor.changes.busy)
+        text = user.get("/").text
+    finally:
+        stop.set()
+        supervisor.changes.stop()
+        worker.join()
+    assert int(re.findall(r"Cores</h2><p class=\"big\">(\d+) %", text)[0]) > 0
 
 
 def test_crates_leave_nothing_behind(
@@ -574,6 +610,11 @@ def test_one_click_leads_to_the_traces_of_a_run_above_others(
     assert f'value="{runs[0].id}" selected' in form
     assert f'value="{runs[1].id}" selected' not in form
     assert re.search(r'name="together".*?<option selected>yes', form)
+    for day, run in enumerate(runs, start=1):  # told apart
+        assert (
+            f'value="{run.id}"{" selected" if day == 1 else ""}>run cut_in_brake, 2026-11-0{day} 05:00:00, pilot-1.0<'
+            in form
+        )
 
 
 def test_moments_at_which_criteria_were_not_met_open_the_player_there(

@@ -13,7 +13,11 @@ from typing import Any
 import pytest
 from supervised import entered, waited
 
+from resim.cli.demo import write_example
 from resim.core.errors import InputError
+from resim.results.catalog import Catalog
+from resim.results.lake import LakeQuery, find_page
+from resim.results.scanning import register
 from resim.supervisor.server import ServeOptions, check_options
 
 Call = Callable[..., tuple[int, str, str]]
@@ -87,12 +91,20 @@ def test_the_token_is_the_users_alone(served: Callable[..., Any], tmp_path: Path
         assert client.get("/", headers={"host": "localhost"}).status_code == 421
 
 
+def test_all_drives_that_ship_are_in_the_lake_of_the_demo(catalog: str, tmp_path: Path) -> None:
+    write_example(tmp_path / "example")
+    found = register(Catalog(catalog), [tmp_path / "example"])
+    drives = find_page(Catalog(catalog), LakeQuery(kinds=("recording",)), sort="name").items
+    assert [(d.name, d.fault) for d in drives] == [("cut_in_brake", ""), ("overtake", ""), ("rear_end", "")]
+    assert found.new == 19
+
+
 @pytest.mark.slow
 def test_the_demo_fills_a_lake_within_a_minute(served: Callable[..., Any]) -> None:
     _, address, token = served("--demo")
     with entered(address, token) as client:
         waited(
-            lambda: client.get("/lake?kind=recording").text.count("/experiments/") > 0, 20.0
+            lambda: client.get("/lake?kind=recording").text.count("/experiments/") >= 3, 20.0
         )  # there at once
         assert re.search(r"This lake fills while you look.* \d of 4 tasks are done", client.get("/").text)
         waited(lambda: client.get("/lake?kind=verification").text.count('href="/results/') == 1, 60.0)

@@ -16,7 +16,8 @@ from resim.report.player.drive import Layer, PlayedDrive, TimelineMark
 def together(drives: Sequence[PlayedDrive]) -> PlayedDrive:
     """Give drives as one: "rGT 2" is rGT of the second. What an earlier one has likewise is there once.
 
-    Times are each drive's own. Raises InputError for drives on other maps than the first.
+    Times are each drive's own. Notes say what of a drive is there already. Raises InputError for drives on other maps
+    than the first.
     """
     first = drives[0]
     road = file_hash(first.network.path)
@@ -29,6 +30,7 @@ def together(drives: Sequence[PlayedDrive]) -> PlayedDrive:
             remedy = "Give drives on one map, or leave out --together."
             raise InputError(drive.name, f"is on another map than {first.name}", remedy)
         shown = {"": ""}
+        known: list[str] = []
         for layer in drive.layers:
             new = _layer(layer, drive, first.ego, number)
             alike = (
@@ -39,6 +41,7 @@ def together(drives: Sequence[PlayedDrive]) -> PlayedDrive:
             k = next(alike, len(layers))
             if k < len(layers):
                 layers[k] = _with_curves(layers[k], new)
+                known.append(layer.name)
             else:
                 layers.append(new)
                 bases.append(layer.name)
@@ -46,6 +49,8 @@ def together(drives: Sequence[PlayedDrive]) -> PlayedDrive:
         of = f"{number}: " if number > 1 else ""
         marks += [replace(m, source=shown.get(m.source, m.source), text=of + m.text) for m in drive.marks]
         notes += [of + note for note in drive.notes]
+        if known:
+            notes.append(f"{of}{drive.name}: {', '.join(known)} exactly as above, shown once")
     told = {
         (m.kind, m.start, m.end, m.source, m.object, m.text.rpartition(": ")[2]): m for m in reversed(marks)
     }

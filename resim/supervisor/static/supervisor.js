@@ -3,7 +3,7 @@
 (() => {
   const home = document.documentElement.dataset.home.slice(0, -1); // with what all addresses of this session begin
   const log = document.getElementById("log"), connection = document.getElementById("connection");
-  let source = null, waiting = false, from = log ? Number(log.dataset.from) : 0;
+  let source = null, waiting = false, missed = false, from = log ? Number(log.dataset.from) : 0;
 
   const isAtEnd = () => log.scrollHeight - log.scrollTop - log.clientHeight < 40;
   const toEnd = () => { log.scrollTop = log.scrollHeight; };
@@ -25,7 +25,8 @@
 
   async function refresh(tick) {
     const regions = [...document.querySelectorAll("[data-live]")];
-    if (waiting || !regions.length || (tick && !regions.some(r => r.dataset.live === "tick"))) return;
+    if (!regions.length || (tick && !regions.some(r => r.dataset.live === "tick"))) return;
+    if (waiting) { missed ||= !tick; return; } // what comes now may show what was before this change
     waiting = true;
     try {
       const answer = await fetch(location.href, { headers: { accept: "text/html" } });
@@ -35,6 +36,7 @@
       if (fresh.length !== regions.length) return isBusy(document.body) || location.reload(); // another page by now
       regions.forEach((region, k) => { if (fresh[k] && !isBusy(region)) keepPlace(region, fresh[k]); });
     } catch { /* the stream says that the server is away */ } finally { waiting = false; }
+    if (missed) { missed = false; refresh(false); }
   }
 
   function span(seconds) { // as `resim.supervisor.words.span` says it

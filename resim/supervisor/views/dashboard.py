@@ -25,6 +25,8 @@ from resim.supervisor.views.common import (
 )
 
 LATEST, LATEST_SPACES = 8, 3
+JUDGED = tuple(kind for kind in RESULTS if kind not in ("mining", "space"))
+"""Kinds of results that come to a verdict."""
 
 
 @dataclass(frozen=True)
@@ -59,17 +61,17 @@ def workers(supervisor: Supervisor, running: Sequence[QueuedTask]) -> list[Worke
 
 def dashboard(supervisor: Supervisor, request: Request) -> Told:
     """What the machine does, what is queued, what failed last, what came out last."""
-    newest = find_page(supervisor.catalog, LakeQuery(kinds=RESULTS), most=LATEST)
+    newest = find_page(supervisor.catalog, LakeQuery(kinds=JUDGED), most=LATEST)
     unfinished = unfinished_by_state(supervisor)
     return "dashboard.html", {
-        "machine": machine_load(supervisor.settings.tasks),
+        "machine": machine_load(supervisor.settings.tasks, supervisor.changes.busy),
         "running": unfinished["running"],
         "progress": progress_of(unfinished["running"]),
         "waiting": unfinished["waiting"][:LATEST],
         "counts": supervisor.queue.counts(),
         "failed": supervisor.queue.ended(0, LATEST, bad=True),
         "newest": newest.items,
-        "results": newest.count,
+        "results": find_page(supervisor.catalog, LakeQuery(kinds=RESULTS), most=1).count,
         "recordings": find_page(supervisor.catalog, LakeQuery(kinds=("recording",)), most=1).count,
         "workers": workers(supervisor, unfinished["running"]),
         "note": supervisor.settings.note if unfinished["running"] or unfinished["waiting"] else "",

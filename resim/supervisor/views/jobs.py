@@ -78,10 +78,10 @@ def _options(
 
 
 def _called(item: LakeItem, roots: Sequence[Path], *, several: bool) -> str:
-    """How something is offered: results by when they were written, all else by where it lies."""
+    """How something is offered: results by when they were written and of which builds, all else by where it lies."""
     kind = f"{item.kind} " if several or item.kind in KINDS else ""
     if item.kind in KINDS:
-        return f"{kind}{item.name}, {item.written[:16].replace('T', ' ')}"
+        return ", ".join((f"{kind}{item.name}", item.written[:19].replace("T", " "), *item.builds))
     return f"{kind}{item.name} – {_place(Path(item.folder).parent, roots)}"
 
 
