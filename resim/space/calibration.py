@@ -33,7 +33,8 @@ class ReliabilityBin:
         recordings: Of how many recordings those of known prediction and outcome are.
         predicted: Mean predicted risk of them.
         collided: Share of them that collided, with the exact interval of all bins together.
-        verdict: `too low` where the prediction lies below the interval; `not shown` for too few recordings.
+        verdict: `too low` where the prediction of the bin, or of a kind in it, lies below the interval of known drives;
+            `not shown` where it lies below that of all, and for too few recordings.
     """
 
     low: float
@@ -74,29 +75,29 @@ def reliability(
     A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, and
     neither is one of the drives that a bin needs, so that what is missing never makes it better: with a collision that
     nothing predicted it is not shown. That they are too low is told of known ones alone. Predictions that are too high
-    are on the safe side.
+    are on the safe side. Drives with the same prediction are of one kind: each is held against its own, too, as one
+    whose risk is too low would be hidden by others in its bin.
     """
     unknown = np.isnan(predicted) | np.isnan(collided)
     told, hit = np.nan_to_num(predicted, nan=0.0), np.nan_to_num(collided, nan=1.0)
     where = _bin(told)
     of = np.arange(len(told)) if recording is None else np.unique(recording, return_inverse=True)[1]
     counts = np.array([len(np.unique(of[(where == k) & ~unknown])) for k in range(len(EDGES) - 1)])
-    held = np.unique(where).tolist()
-    confidence = 1.0 - (1.0 - CONFIDENCE) / max(len(held), 1)
+    lost = np.isnan(predicted)
+    together, alone = _shared(where[~lost]), _shared(told[~lost])
     bins = []
-    for k in held:
+    for k in np.unique(where).tolist():
         mine = where == k
-        found = _collided(hit[mine], of[mine], confidence)
+        found = _collided(hit[mine], of[mine], together)
         mean = float(_per_draw(told[mine], of[mine]).mean())
+        groups = [(mine, together), *((mine & (told == one), alone) for one in np.unique(told[mine]))]
         verdict: Calibrated = "calibrated"
-        known = mine & ~unknown
-        if known.any() and mean < _collided(hit[known], of[known], confidence).low:
+        if any(_below(told, hit, of, rows & ~unknown, level) for rows, level in groups):
             verdict = "too low"
-        elif mean < found.low or counts[k] < LEAST:
+        elif any(_below(told, hit, of, rows, level) for rows, level in groups) or counts[k] < LEAST:
             verdict = "not shown"
         edges, drives = (EDGES[k], EDGES[k + 1]), int(mine.sum())
         bins.append(ReliabilityBin(*edges, drives, int(counts[k]), mean, found, verdict))
-    lost = np.isnan(predicted)
     enough = (counts >= LEAST).all()
     every = {one.verdict for one in bins}
     whole: Calibrated = (
@@ -105,6 +106,17 @@ def reliability(
         else "calibrated"
     )  # fmt: skip
     return ReliabilityReport(tuple(bins), whole, len(told), int(unknown.sum()))
+
+
+def _shared(groups: np.ndarray) -> float:
+    """The confidence of the interval of one group, of which all together hold. groups (K,): that of each drive."""
+    return 1.0 - (1.0 - CONFIDENCE) / max(len(np.unique(groups)), 1)
+
+
+def _below(told: Floats, hit: Floats, of: np.ndarray, rows: np.ndarray, confidence: float) -> bool:
+    """Whether the mean prediction of rows (K,) lies below the interval of the share that collides."""
+    mean = float(_per_draw(told[rows], of[rows]).mean()) if rows.any() else np.inf
+    return mean < _collided(hit[rows], of[rows], confidence).low
 
 
 def _per_draw(values: Floats, of: np.ndarray) -> Floats:

@@ -191,6 +191,16 @@ def test_predicted_risk_is_calibrated_or_not() -> None:
     )  # collisions nothing predicted
 
 
+def test_a_kind_whose_risk_is_too_low_is_not_hidden_by_others_in_its_bin() -> None:
+    predicted, others = np.repeat([0.31, 0.98], 40), [1.0] * 32 + [0.0] * 8  # together 0.645 are predicted
+    hit = np.r_[np.repeat([1.0, 0.0], [24, 16]), others]  # and 0.7 collide
+    assert reliability(predicted, hit).verdict == "too low"
+    assert reliability(np.full(80, predicted.mean()), hit).verdict == "calibrated"
+    lost = np.where((np.arange(80) >= 12) & (np.arange(80) < 24), np.nan, hit)
+    assert reliability(predicted, lost).verdict == "not shown"  # of known ones it is not, but it may be
+    assert reliability(predicted, np.r_[np.repeat([1.0, 0.0], [12, 28]), others]).verdict == "calibrated"
+
+
 def test_how_far_two_distributions_are_apart_is_held() -> None:
     rng = np.random.default_rng(10)
     p = POPULATIONS["zipf"][:60] / POPULATIONS["zipf"][:60].sum()
