@@ -43,7 +43,7 @@ least_drives = 30
 least_drives_source = "none"
 [[limit]]
 per = "hour"
-accidents = 400.0
+accidents = 600.0
 source = "none"
 """
 MINING = "[extraction]\nafter = 10.0\n"
