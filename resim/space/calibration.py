@@ -65,32 +65,36 @@ class ReliabilityReport:
 
 
 def reliability(
-    predicted: Floats, collided: Floats, recording: Sequence[str] | None = None
+    predicted: Floats,
+    collided: Floats,
+    recording: Sequence[str] | None = None,
+    kind: Sequence[str] | None = None,
 ) -> ReliabilityReport:
     """Compare predicted risk (K,) with collisions (K,), 1 or 0; NaN where either is not known.
 
     recording (K,): of which recording each is; each of its own, if None. Drives of one recording are one draw: their
-    means count as one drive.
+    means count as one drive. kind (K,): of which kind each is; those with the same prediction are of one, if None.
 
     A drive without an outcome counts as a collision and without a prediction as one that was predicted as 0, and
     neither is one of the drives that a bin needs, so that what is missing never makes it better: with a collision that
     nothing predicted it is not shown. That they are too low is told of known ones alone. Predictions that are too high
-    are on the safe side. Drives with the same prediction are of one kind: each is held against its own, too, as one
-    whose risk is too low would be hidden by others in its bin.
+    are on the safe side. Each kind is held against its own prediction, too, as one whose risk is too low would be
+    hidden by others in its bin.
     """
     unknown = np.isnan(predicted) | np.isnan(collided)
     told, hit = np.nan_to_num(predicted, nan=0.0), np.nan_to_num(collided, nan=1.0)
     where = _bin(told)
     of = np.arange(len(told)) if recording is None else np.unique(recording, return_inverse=True)[1]
+    kinds = np.unique(told if kind is None else np.asarray(kind), return_inverse=True)[1]
     counts = np.array([len(np.unique(of[(where == k) & ~unknown])) for k in range(len(EDGES) - 1)])
     lost = np.isnan(predicted)
-    together, alone = _shared(where[~lost]), _shared(told[~lost])
+    together, alone = _shared(where[~lost]), _shared(kinds[~lost])
     bins = []
     for k in np.unique(where).tolist():
         mine = where == k
         found = _collided(hit[mine], of[mine], together)
         mean = float(_per_draw(told[mine], of[mine]).mean())
-        groups = [(mine, together), *((mine & (told == one), alone) for one in np.unique(told[mine]))]
+        groups = [(mine, together), *((mine & (kinds == one), alone) for one in np.unique(kinds[mine]))]
         verdict: Calibrated = "calibrated"
         if any(_below(told, hit, of, rows & ~unknown, level) for rows, level in groups):
             verdict = "too low"

@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 
 from resim.space.calibration import ReliabilityReport, reliability
-from resim.space.draws import scenario_draws
+from resim.space.draws import recording_draws, scenario_draws
 from resim.space.members import INSIDE, DrivenTraces, SimulatedRun, clusters_of
 from resim.space.model import Space
+from resim.space.repeated_drives import merged
 from resim.space.risk import ClusterRisk, predicted_risks
 
 
@@ -29,7 +30,16 @@ def held_out_calibration(
     risks = predicted_risks(space, others, build, scenarios)
     mined = _mined_of(space, known)
     clusters = {key: name for key, name in clusters_of(space, known).items() if key not in mined}
-    return calibrated(risks, spared, clusters, known.drive)
+    return calibrated(risks, spared, clusters, _draws(space, known))
+
+
+def _draws(space: Space, known: DrivenTraces) -> dict[str, str]:
+    """What each recording is one draw with, by key: what was cut out of one drive, or is one by the space."""
+    keys = list(known.scenario)
+    of_space = recording_draws(space, known.scenario, known.drive)
+    names = [*(known.drive.get(key, key) for key in keys), *(f"draw {of_space[key]}" for key in keys)]
+    pairs = np.arange(2 * len(keys)).reshape(2, -1).T
+    return dict(zip(keys, merged(names, pairs)[: len(keys)].tolist(), strict=True))
 
 
 def _mined_of(space: Space, known: DrivenTraces) -> set[str]:
@@ -59,7 +69,7 @@ def calibrated(
     risks: without what is held out (`predicted_risks`). cluster: of recordings, by key. A held-out drive of no cluster,
     of one without a risk, or that is not what was verified has no prediction. Predicted is the least that a cluster's
     risk may be with all that is missing: else one that rises as harmless members are lost would be calibrated. draw:
-    what several recordings are one draw of, by key (`DrivenTraces.drive`).
+    what several recordings are one draw of, by key.
     """
     known = [one for one in risks if one.drives]
     least = {
@@ -71,7 +81,9 @@ def calibrated(
     draws = [(draw or {}).get(run.recording, run.recording) for run in held]
 
     def report(by_name: Mapping[str, float]) -> ReliabilityReport:
-        return reliability(np.array([by_name.get(name, np.nan) for name in of], dtype=float), collided, draws)
+        return reliability(
+            np.array([by_name.get(name, np.nan) for name in of], dtype=float), collided, draws, of
+        )
 
     found = report(least)
     if found.verdict == "too low" and report(value).verdict != "too low":

@@ -356,6 +356,21 @@ def test_a_prediction_that_rises_as_harmless_members_are_lost_is_not_calibrated(
         assert calibrated(risks, held, cluster).verdict == "not shown"
 
 
+def test_a_cluster_that_always_collides_is_not_hidden_by_one_of_the_same_risk() -> None:
+    own = space_of([*KINDS[:2]] * 20)
+    clusters = own.rows["cluster"].astype(str).tolist()
+    rows = [
+        (name, name, name, cluster, "d", 0.1, 0.5, False, True, "", "")
+        for name, cluster in zip(own.rows["scenario"].astype(str), clusters, strict=True)
+    ]
+    frame = pd.DataFrame(rows, columns=list(MEMBER_COLUMNS)).astype({"collided": "boolean"})
+    cluster = {f"h{k}": clusters[k % 2] for k in range(60)}
+    risks = cluster_risks(own, frame, "b")
+    for hit, told in ((lambda k: k % 4 < 2, "calibrated"), (lambda k: k % 2 == 0, "too low")):
+        held = [SimulatedRun(str(k), f"h{k}", "b", "", 0.0, hit(k)) for k in range(60)]
+        assert calibrated(risks, held, cluster).verdict == told
+
+
 def test_scenarios_of_a_drive_that_is_held_out_do_not_predict_it() -> None:
     """They share its weather and its traffic."""
     own = space_of([*KINDS[:2]] * 60, build="f-1")
@@ -408,6 +423,11 @@ def test_what_was_cut_out_of_one_drive_is_one_draw() -> None:
     assert held_out_calibration(space, members, "b", runs[20:], apart).verdict == "calibrated"
     one = replace(apart, drive=dict.fromkeys(keys[20:40], "r20"))
     found = held_out_calibration(space, members, "b", runs[20:], one)
+    assert (found.verdict, found.bins[0].recordings) == ("not shown", 1)
+    of_space = replace(space, rows=space.rows.assign(drive=[f"r{min(k, 20)}" for k in range(40)]))
+    found = held_out_calibration(
+        of_space, members, "b", runs[20:], apart
+    )  # vehicles that saw the same traffic
     assert (found.verdict, found.bins[0].recordings) == ("not shown", 1)
     beside = replace(apart, drive={f"r{k}": f"r{k % 20}" for k in range(40)})
     found = held_out_calibration(space, members, "b", runs[20:], beside)

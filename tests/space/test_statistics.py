@@ -201,6 +201,12 @@ def test_a_kind_whose_risk_is_too_low_is_not_hidden_by_others_in_its_bin() -> No
     assert reliability(predicted, np.r_[np.repeat([1.0, 0.0], [12, 28]), others]).verdict == "calibrated"
 
 
+def test_a_kind_whose_risk_is_too_low_is_not_hidden_by_one_with_the_same_prediction() -> None:
+    predicted, hit = np.full(60, 0.5), np.repeat([1.0, 0.0], 30)
+    assert reliability(predicted, hit).verdict == "calibrated"
+    assert reliability(predicted, hit, kind=["a"] * 30 + ["b"] * 30).verdict == "too low"
+
+
 def test_how_far_two_distributions_are_apart_is_held() -> None:
     rng = np.random.default_rng(10)
     p = POPULATIONS["zipf"][:60] / POPULATIONS["zipf"][:60].sum()
