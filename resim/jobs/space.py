@@ -238,7 +238,7 @@ def cover(
     first = one_build([*given, *held])
     every = [one for _, one in given]
     known = driven_traces(found, [*every, *(one for _, one in held)])
-    drives = [drive for one in every for drive in one.drives]
+    drives = _test_drives(every, [one for _, one in held])
     members = judged_members(found, [run for one in every for run in one.runs], drives, known, within)
     spared = _spared(every, [one for _, one in held])
     risks = cluster_risks(found, members, first.build, {known.scenario[run.recording] for run in spared})
@@ -266,6 +266,12 @@ def _told(space: Path, given: Sequence[tuple[Path, Simulated]]) -> dict[str, Giv
         )
         for folder, one in given
     }
+
+
+def _test_drives(given: Sequence[Simulated], held: Sequence[Simulated]) -> list[TestDrive]:
+    """What was verified, or was to be, and what is held out and is not verified, which contradicts it."""
+    contradicting = [drive for one in held for drive in one.drives if drive.verdict != "verified"]
+    return [*(drive for one in given for drive in one.drives), *contradicting]
 
 
 def _spared(given: Sequence[Simulated], held: Sequence[Simulated]) -> list[SimulatedRun]:

@@ -50,15 +50,21 @@ class SeenScenarios:
         )  # fmt: skip
 
 
-def coverage(seen: SeenScenarios, drives: int) -> CoverageEntry:
-    """Give how much of a space was seen. drives: of the whole space (`for_drives`).
+def coverage(seen: SeenScenarios, drives: int, *, whole: bool = True) -> CoverageEntry:
+    """Give how much of a space was seen. drives: of the whole space (`for_drives`); whole: whether that is all that was
+    driven, with no scenario or recording left out.
 
     Scenarios of one kind and occasion are one: several EGOs that see the same lane change tell of one kind once.
     """
     once = first_of_each(seen)
     hours, kilometres = _later_discovery(once, drives)
     return CoverageEntry(
-        kinds_at_least(_counts(once.kind)), hours, kilometres, convergence(once), halves(once), curve(once)
+        kinds_at_least(_counts(once.kind)),
+        hours,
+        kilometres,
+        convergence(once, whole=whole),
+        halves(once),
+        curve(once),
     )
 
 
@@ -82,8 +88,11 @@ def _counts(kind: Ints) -> Ints:
     return np.asarray(np.unique(kind, return_counts=True)[1], dtype=np.intp)
 
 
-def convergence(once: SeenScenarios, limit: float = LIMIT) -> ConvergenceEntry:
-    """Say whether discovery and expansion have stopped, by the upper ends of two shares."""
+def convergence(once: SeenScenarios, limit: float = LIMIT, *, whole: bool = True) -> ConvergenceEntry:
+    """Say whether discovery and expansion have stopped, by the upper ends of two shares.
+
+    whole: whether nothing was left out: of what kinds that is nobody says, so that nothing has stopped.
+    """
     counts, n = _counts(once.kind), len(once.kind)
     unseen = unseen_by_drive(once.kind, once.drive)
     new = expands(once.kind, once.distance)[n // 2 :]
@@ -91,12 +100,12 @@ def convergence(once: SeenScenarios, limit: float = LIMIT) -> ConvergenceEntry:
     expanding = share(float(new.sum()) / spread, len(new) / spread)
     if not len(new):
         expanding = IntervalEstimate(np.nan, 0.0, 1.0)
-    done = unseen.high <= limit and expanding.high <= limit
+    done = whole and unseen.high <= limit and expanding.high <= limit
     missing = max(
         more_needed(counts, limit), spread * _more_without_growth(expanding, len(new) / spread, limit)
     )
     if not done and missing == 0.0:
-        missing = np.nan  # drives differ, and nobody can say how many more are needed
+        missing = np.nan  # drives differ, or something was left out: nobody can say how many more are needed
     per_scenario = once.whole[0] / n if n else np.nan
     return ConvergenceEntry(
         bool(done), limit, unseen, expanding, 0.0 if done else missing,

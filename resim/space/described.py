@@ -21,8 +21,11 @@ LONE = 0.5
 def report(space: Space, files: dict[str, str]) -> SpaceReport:
     """Give what space.json says. files: hashes of the tables."""
     rows, driven, drives = space.rows, space.driven, space.rows["drive"].nunique()
-    buckets = tuple(_bucket(space, bucket, own, drives) for bucket, own in space.by_bucket())
-    whole = coverage(seen(space, np.arange(len(rows))), drives)
+    nothing_lost = not any(one.left_out or one.failed for one in space.sources)
+    buckets = tuple(
+        _bucket(space, bucket, own, drives, whole=nothing_lost) for bucket, own in space.by_bucket()
+    )
+    whole = coverage(seen(space, np.arange(len(rows))), drives, whole=nothing_lost)
     return SpaceReport(
         versions(), files, space.settings, space.sources, len(rows), driven[0], driven[1], buckets, whole,
         tuple(_notes(space, buckets)),
@@ -46,14 +49,14 @@ def seen(space: Space, own: Ints) -> SeenScenarios:
     )  # fmt: skip
 
 
-def _bucket(space: Space, bucket: str, own: Ints, drives: int) -> BucketEntry:
+def _bucket(space: Space, bucket: str, own: Ints, drives: int, *, whole: bool) -> BucketEntry:
     rows, how = space.rows.iloc[own], space.links[bucket]
     names = rows["cluster"].to_numpy(str)
     clusters = sorted(set(names.tolist()), key=in_order)
     return BucketEntry(
         bucket, int(rows["number"].iloc[0]), len(own), how.threshold, how.chosen, how.method, how.links,
         tuple(_cluster(rows[names == name], space.driven, drives) for name in clusters),
-        coverage(seen(space, own), drives),
+        coverage(seen(space, own), drives, whole=whole),
     )  # fmt: skip
 
 
@@ -88,7 +91,12 @@ def _notes(space: Space, buckets: tuple[BucketEntry, ...]) -> list[str]:
     out = []
     for one in space.sources:
         if one.left_out:
-            out.append(f"{one.name}: {one.left_out} scenarios have no slots and are left out")
+            out.append(
+                f"{one.name}: {one.left_out} scenarios have no slots and are left out: nothing is converged"
+            )
+        if one.failed:
+            told = f"{counted(len(one.failed), 'recording')} could not be mined ({one.failed[0]})"
+            out.append(f"{one.name}: {told}: what happened in them is not known, and nothing is converged")
         if np.isnan(one.hours):
             out.append(f"{one.name}: nobody says how long was driven: there are no rates")
     clusters = [cluster for bucket in buckets for cluster in bucket.clusters]

@@ -94,7 +94,7 @@ class ConvergenceEntry:
     """Whether discovery and expansion have stopped.
 
     Attributes:
-        converged: Whether the upper ends of both shares are at most the limit.
+        converged: Whether the upper ends of both shares are at most the limit, and nothing was left out.
         limit: Of both shares.
         unseen: Probability that the next scenario is of a kind not seen.
         expanding: Share of the later half of scenarios that are of a new kind, or enlarge theirs by over TOLERANCE.

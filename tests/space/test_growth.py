@@ -271,6 +271,20 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
     assert not coverage(growing, 150).convergence.converged
 
 
+@pytest.mark.parametrize("lost", [{"left_out": 1}, {"failed": ("one/7",)}])
+def test_nothing_is_converged_where_something_was_left_out(lost: dict[str, object]) -> None:
+    """Of which kinds it is, nobody says."""
+    whole = space_of([*KINDS[:2]] * 150)
+    whole = replace(whole, traces=replace(whole.traces, offset=np.round(whole.traces.offset, -2)))
+    whole = cluster_buckets(whole)
+    of_all = report(whole, {})
+    less = report(replace(whole, sources=tuple(replace(one, **lost) for one in whole.sources)), {})
+    for before, after in zip((of_all, *of_all.buckets), (less, *less.buckets), strict=True):
+        assert (before.coverage.convergence.converged, after.coverage.convergence.converged) == (True, False)
+        assert np.isnan(after.coverage.convergence.missing)
+    assert any("nothing is converged" in note for note in less.notes)
+
+
 def test_who_expands_a_kind() -> None:
     kind, distance = np.array([0, 0, 0, 1, 0]), np.array([0.0, 0.04, 0.2, 0.0, 0.22])
     assert expands(kind, distance).tolist() == [True, False, True, True, False]

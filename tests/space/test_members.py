@@ -15,6 +15,7 @@ from space.families import drawn, lasting
 from space.spaces import KINDS, space_of
 
 from resim.core.errors import InputError
+from resim.jobs.space import _test_drives
 from resim.jobs.space_drives import driven_traces
 from resim.jobs.space_members import (
     Simulated,
@@ -93,6 +94,18 @@ def test_others_do_not_and_say_why(
     found = judged_members(space, [run], drives, traces, 0.7).iloc[0]
     assert not found["counts"]
     assert why in found["why"]
+
+
+def test_a_held_out_folder_contradicts_a_drive_and_verifies_none(space: Space) -> None:
+    given = Simulated((RUN,), (DRIVE,), {}, "f", "b", "p", "")
+    failed = replace(given, drives=(replace(DRIVE, verdict="not verified"),))
+    of_others = replace(given, drives=(replace(DRIVE, recording="run"),))
+    for sweeps, held, counts in (
+        ([given], [], True), ([given], [of_others], True), ([given], [failed], False),
+        ([replace(given, drives=())], [given], False),
+    ):  # fmt: skip
+        found = judged_members(space, [RUN], _test_drives(sweeps, held), known(), 0.7)
+        assert found["counts"].tolist() == [counts]
 
 
 def test_variations_of_the_drive_that_is_verified_count(space: Space) -> None:
