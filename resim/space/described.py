@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from resim.core.geometry import Floats
 from resim.core.provenance import versions
 from resim.core.spelling import counted
 from resim.space.coverage import SeenScenarios, coverage
-from resim.space.draws import drive_numbers
+from resim.space.draws import drive_lengths, drive_numbers
 from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
 from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, for_drives, rate, spread_by
@@ -21,9 +22,11 @@ LONE = 0.5
 def report(space: Space, files: dict[str, str]) -> SpaceReport:
     """Give what space.json says. files: hashes of the tables."""
     rows, driven, drives = space.rows, space.driven, space.rows["drive"].nunique()
+    lengths = drive_lengths(space)
     nothing_lost = not any(one.left_out or one.failed for one in space.sources)
     buckets = tuple(
-        _bucket(space, bucket, own, drives, whole=nothing_lost) for bucket, own in space.by_bucket()
+        _bucket(space, bucket, own, (drives, lengths), whole=nothing_lost)
+        for bucket, own in space.by_bucket()
     )
     whole = coverage(seen(space, np.arange(len(rows))), drives, whole=nothing_lost)
     return SpaceReport(
@@ -45,18 +48,19 @@ def seen(space: Space, own: Ints) -> SeenScenarios:
     return SeenScenarios(
         kind, rows["occasion"].to_numpy(np.intp), rows["to_medoid"].to_numpy(float),
         rows["hours"].to_numpy(float), rows["kilometres"].to_numpy(float), space.driven,
-        drive_numbers(rows),
+        drive_numbers(space.rows)[own][order],
     )  # fmt: skip
 
 
-def _bucket(space: Space, bucket: str, own: Ints, drives: int, *, whole: bool) -> BucketEntry:
+def _bucket(space: Space, bucket: str, own: Ints, of: tuple[int, Floats], *, whole: bool) -> BucketEntry:
+    """of: how many drives have a scenario, and how long each is."""
     rows, how = space.rows.iloc[own], space.links[bucket]
-    names = rows["cluster"].to_numpy(str)
+    names, drive = rows["cluster"].to_numpy(str), drive_numbers(space.rows)[own]
     clusters = sorted(set(names.tolist()), key=in_order)
     return BucketEntry(
         bucket, int(rows["number"].iloc[0]), len(own), how.threshold, how.chosen, how.method, how.links,
-        tuple(_cluster(rows[names == name], space.driven, drives) for name in clusters),
-        coverage(seen(space, own), drives, whole=whole),
+        tuple(_cluster(rows[names == name], drive[names == name], space.driven, of) for name in clusters),
+        coverage(seen(space, own), of[0], whole=whole),
     )  # fmt: skip
 
 
@@ -66,8 +70,10 @@ def in_order(name: str) -> tuple[int, bool, int]:
     return int(number), own.startswith("n"), int(own.lstrip("n"))
 
 
-def _cluster(rows: pd.DataFrame, driven: tuple[float, float], drives: int) -> ClusterEntry:
-    hours, kilometres = exposure(drive_numbers(rows), driven, drives)
+def _cluster(
+    rows: pd.DataFrame, drive: Ints, driven: tuple[float, float], of: tuple[int, Floats]
+) -> ClusterEntry:
+    hours, kilometres = exposure(drive, driven, *of)
     return ClusterEntry(
         str(rows["cluster"].iloc[0]), str(rows["scenario"][rows["medoid"]].iloc[0]), len(rows),
         int(rows["occasion"].nunique()), float(rows["to_medoid"].max()), hours, kilometres,
@@ -75,14 +81,17 @@ def _cluster(rows: pd.DataFrame, driven: tuple[float, float], drives: int) -> Cl
 
 
 def exposure(
-    drive: Ints, driven: tuple[float, float], drives: int
+    drive: Ints, driven: tuple[float, float], drives: int, lengths: Floats | None = None
 ) -> tuple[IntervalEstimate, IntervalEstimate]:
     """Give how often scenarios come, by hour and kilometre. drive (K,): of each, which is one draw of its traffic.
 
-    drives: of the space (`for_drives`).
+    drives: of the space (`for_drives`); lengths (D, 2): of each drive (`drive_lengths`).
     """
-    spread = spread_by(drive)
-    hours, kilometres = (for_drives(rate(len(drive), one, spread), drives) for one in driven)
+    of = (None, None) if lengths is None else lengths.T
+    hours, kilometres = (
+        for_drives(rate(len(drive), one, spread_by(drive, length)), drives)
+        for one, length in zip(driven, of, strict=True)
+    )
     return hours, kilometres
 
 

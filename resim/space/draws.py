@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from resim.core.geometry import Floats
 from resim.space.model import Space
 from resim.space.traces import Ints
 
@@ -21,6 +22,17 @@ def drive_numbers(rows: pd.DataFrame) -> Ints:
     """Give the number (N,) of the drive of each scenario: its recording, and those that are it again. rows: of a
     space."""
     return np.asarray(rows.groupby("drive", sort=False).ngroup(), dtype=np.intp)
+
+
+def drive_lengths(space: Space) -> Floats:
+    """Give the hours and kilometres (D, 2) of each drive by its number, and after these of those without a scenario.
+
+    Of recordings that are one drive they are those of the longest; NaN where nobody says.
+    """
+    every = [(one.drives[name], *length) for one in space.sources for name, length in one.lengths.items()]
+    found = pd.DataFrame(every, columns=["drive", "hours", "kilometres"]).groupby("drive").max()
+    order = dict.fromkeys([*space.rows["drive"].astype(str), *found.index])
+    return found.reindex(list(order)).to_numpy(float)
 
 
 def scenario_draws(rows: pd.DataFrame) -> np.ndarray:

@@ -11,7 +11,7 @@ on the safe side.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from resim.core.geometry import Floats
 from resim.core.intervals import exact
 from resim.space.calibration import ReliabilityReport, believed, drives_missing
 from resim.space.risk import ClusterRisk
-from resim.space.statistics.rates import IntervalEstimate, poisson_limits, spread_by
+from resim.space.statistics.rates import IntervalEstimate, poisson_limits, scatter, spread_by
 from resim.space.statistics.unseen import unseen_by_drive
 from resim.space.traces import Ints
 
@@ -37,17 +37,21 @@ class RiskLimit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ExposedScenarios:
-    """N measured scenarios: numbers of their cluster, their occasion and their drive (N,) each; C clusters."""
+    """N measured scenarios: numbers of their cluster, their occasion and their drive (N,) each; C clusters.
+
+    lengths (D,): of drives by their number, in the unit of what was driven; None where they are taken for alike.
+    """
 
     kind: Ints
     occasion: Ints
     drive: Ints
     clusters: int
+    lengths: Floats | None = None
 
     def without(self, left_out: Sequence[int]) -> ExposedScenarios:
         """Give those of other clusters."""
         keep = ~np.isin(self.kind, np.asarray(left_out, dtype=np.intp))
-        return ExposedScenarios(self.kind[keep], self.occasion[keep], self.drive[keep], self.clusters)
+        return replace(self, kind=self.kind[keep], occasion=self.occasion[keep], drive=self.drive[keep])
 
     def counts(self) -> Ints:
         """Give how many occasions (C,) each cluster has."""
@@ -125,7 +129,7 @@ def expected_accidents(
     of = exposed.kind
     if not known.any():
         value = np.nan
-    least = _lower(_per_drive(exposed, np.where(known, low, 0.0)[of]), driven, alpha)
+    least = _lower(*_per_drive(exposed, np.where(known, low, 0.0)[of]), driven, alpha)
     parts = [
         _upper(_per_drive(exposed, weights[of]), float(weights.max(initial=0.0)), driven, alpha)
         for weights in (high, np.where(known, high, 0.0), np.where(known, 0.0, 1.0))
@@ -136,7 +140,7 @@ def expected_accidents(
 
 def unseen_rate(exposed: ExposedScenarios, driven: float, alpha: float) -> float:
     """Give the upper limit of how often scenarios of unseen kinds come, with error probability alpha in all."""
-    spread = spread_by(exposed.drive)
+    spread = spread_by(exposed.drive, exposed.lengths)
     rate = float(poisson_limits(len(exposed.kind) / spread, 1.0 - alpha)[1]) * spread / driven
     return rate * unseen_of(exposed, 1.0 - alpha).high
 
@@ -147,30 +151,30 @@ def unseen_of(exposed: ExposedScenarios, confidence: float) -> IntervalEstimate:
     return unseen_by_drive(exposed.kind[first], exposed.drive[first], confidence)
 
 
-def _per_drive(exposed: ExposedScenarios, weights: Floats) -> Floats:
-    """Sums of weights (N,) by drive: what comes in one is one event of that weight."""
-    _, where = np.unique(exposed.drive, return_inverse=True)
-    return np.asarray(np.bincount(where, weights), dtype=float) if len(where) else np.zeros(0)
+def _per_drive(exposed: ExposedScenarios, weights: Floats) -> tuple[Floats, float]:
+    """Sums of weights (N,) by drive, what comes in one being one event of that weight, and the variance of them all."""
+    count = 0 if exposed.lengths is None else len(exposed.lengths)
+    sizes = np.bincount(exposed.drive, weights, count).astype(float)
+    return sizes, scatter(sizes, exposed.lengths)
 
 
-def _upper(weights: Floats, largest: float, driven: float, alpha: float) -> float:
-    """Upper limit of a rate of weighted events (O,), one event more of the largest weight (Fay and Feuer 1997).
+def _upper(told: tuple[Floats, float], largest: float, driven: float, alpha: float) -> float:
+    """Upper limit of a rate of weighted events, one event more of the largest weight (Fay and Feuer 1997).
 
-    largest: weight of a single event, at least.
+    told: their weights (O,) and variance; largest: weight of a single event, at least.
     """
+    weights, variance = told
     most = max(float(weights.max(initial=0.0)), largest)
     if most == 0.0:
         return 0.0
-    mean, variance = float(weights.sum()) + most, float((weights**2).sum()) + most**2
+    mean, variance = float(weights.sum()) + most, variance + most**2
     return float(variance / mean * gammaincinv(mean**2 / variance, 1.0 - alpha)) / driven
 
 
-def _lower(weights: Floats, driven: float, alpha: float) -> float:
+def _lower(weights: Floats, variance: float, driven: float, alpha: float) -> float:
     """Lower limit likewise."""
-    mean, variance = float(weights.sum()), float((weights**2).sum())
-    return (
-        0.0 if variance == 0.0 else float(variance / mean * gammaincinv(mean**2 / variance, alpha)) / driven
-    )
+    mean = float(weights.sum())
+    return 0.0 if mean == 0.0 else float(variance / mean * gammaincinv(mean**2 / variance, alpha)) / driven
 
 
 def risk_limits(

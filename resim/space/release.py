@@ -73,7 +73,8 @@ def _plan(space: Space, case: ReleaseCase) -> tuple[PlannedTest, ...]:
         )
         for name in case.names
     ]  # fmt: skip
-    plan = test_plan(clusters, case.exposed, case.risk, asked, case.seen)
+    exposed, seen = (replace(one, lengths=case.lengths["hour"]) for one in (case.exposed, case.seen))
+    plan = test_plan(clusters, exposed, case.risk, asked, seen)
     if not case.unknown:
         return plan
     return tuple(replace(one, first="; ".join(filter(None, (IN_NO_SCENARIO, one.first)))) for one in plan)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from resim.core.geometry import Floats
 from resim.space.calibration import ReliabilityReport
 from resim.space.coverage import SeenScenarios, first_of_each, halves
 from resim.space.described import seen as in_order_driven
-from resim.space.draws import drive_numbers
+from resim.space.draws import drive_lengths, drive_numbers
 from resim.space.expected import (
     AccidentTerms,
     ExposedScenarios,
@@ -38,6 +39,7 @@ class ReleaseCase:
         calibration: Of predicted risk, None without one.
         unknown: What happened on drives and is in no scenario: sentences, none where there is nothing.
         driven: h and km.
+        lengths: h and km (D,) of each drive by its number.
         limits: What is asked for.
     """
 
@@ -48,6 +50,7 @@ class ReleaseCase:
     calibration: ReliabilityReport | None
     unknown: tuple[str, ...]
     driven: Mapping[Per, float]
+    lengths: Mapping[Per, Floats]
     limits: ReleaseLimits
 
     @property
@@ -63,8 +66,10 @@ class ReleaseCase:
 
     def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
         """Give expected accidents, without clusters that are left out of the ODD."""
+        lengths = self.lengths[per]
+        exposed, seen = (replace(one, lengths=lengths) for one in (self.exposed, self.seen))
         return expected_accidents(
-            self.exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, self.seen
+            exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, seen
         )
 
 
@@ -78,10 +83,10 @@ def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits)
     seen = _seen(told, sum(one.left_out for one in space.sources))
     risks = {} if cover is None else {one.cluster: one for one in cover.clusters}
     calibration = None if cover is None else cover.calibration
-    hours, kilometres = space.driven
+    (hours, kilometres), lengths = space.driven, drive_lengths(space)
     return ReleaseCase(
         tuple(names.tolist()), exposed, seen, risks, calibration, tuple(_unknown(space, told, cover)),
-        {"hour": hours, "kilometre": kilometres}, limits,
+        {"hour": hours, "kilometre": kilometres}, {"hour": lengths[:, 0], "kilometre": lengths[:, 1]}, limits,
     )  # fmt: skip
 
 

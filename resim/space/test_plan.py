@@ -110,9 +110,12 @@ def _doubled(
 ) -> float:  # fmt: skip
     """The upper limit after as many hours again: all as before, and every kind seen once is seen again."""
     hours, limits = asked
+    lengths = exposed.lengths
+    drive = exposed.drive + (1 + exposed.drive.max() if lengths is None else len(lengths))
     twice = ExposedScenarios(
-        np.tile(exposed.kind, 2), _again(exposed.occasion), _again(exposed.drive), exposed.clusters
-    )
+        np.tile(exposed.kind, 2), _again(exposed.occasion), np.concatenate([exposed.drive, drive]), exposed.clusters,
+        None if lengths is None else np.tile(lengths, 2),
+    )  # fmt: skip
     found = expected_accidents(twice, risks, 2.0 * hours, limits.confidence)
     seen_once = unseen_rate(whole, hours, (1.0 - limits.confidence) / 3.0)
     # about half of the kinds seen once stay so or are new ones: the unseen share falls as 1 / n at best

@@ -13,16 +13,17 @@ from hypothesis import strategies as st
 from space.families import drawn, lasting
 from space.spaces import KINDS, source, space_of
 
+from resim.core.geometry import Floats
 from resim.core.intervals import exact
 from resim.space.build import build_space
 from resim.space.calibration import reliability
 from resim.space.described import exposure
-from resim.space.draws import recording_draws, scenario_draws
+from resim.space.draws import drive_lengths, drive_numbers, recording_draws, scenario_draws
 from resim.space.expected import ExposedScenarios, RiskLimit, expected_accidents, risk_limit
 from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, TestDrive, judged_members
 from resim.space.model import Space
 from resim.space.risk import ClusterRisk, DrawRisk, cluster_risks
-from resim.space.statistics.rates import UNKNOWN, share
+from resim.space.statistics.rates import UNKNOWN, scatter, share
 from resim.space.statistics.unseen import unseen_by_drive
 from resim.space.traces import joined
 
@@ -149,6 +150,59 @@ def test_rates_hold_where_drives_differ(drives: int, shape: float) -> None:
         high += terms.thin >= 20.0
     assert held >= 0.93 * 500
     assert high >= 0.93 * 500
+
+
+def town_and_motorway(rng: np.random.Generator, drives: int) -> Floats:
+    """h of each: one in ten is long."""
+    return np.where(rng.random(drives) < 0.9, 0.3, 4.0)
+
+
+LONG = {
+    "town and motorway": (town_and_motorway, 0.67), "drawn": (lambda rng, n: rng.lognormal(0.0, 1.0, n), np.exp(0.5)),
+    "alike": (lambda rng, n: np.ones(n), 1.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("drives", [30, 100])
+@pytest.mark.parametrize("lengths", LONG)
+def test_rates_hold_where_long_drives_bring_no_more(lengths: str, drives: int) -> None:
+    """Six come in a drive, however long it is, and how many long ones there are is drawn, too."""
+    drawn_hours, mean = LONG[lengths]
+    rng, held, high, truth = np.random.default_rng(11), 0, 0, 6.0 / mean
+    for _ in range(500):
+        hours = drawn_hours(rng, drives)
+        number = np.repeat(np.arange(drives), rng.poisson(6.0, drives))
+        found, _ = exposure(number, (hours.sum(), 1.0), drives, np.stack([hours, hours], axis=1))
+        held += found.low <= truth <= found.high
+        exposed = ExposedScenarios(number * 0, np.arange(len(number)), number, 1, hours)
+        terms = expected_accidents(exposed, [RiskLimit(np.nan, 0.0, 1.0, False)], hours.sum(), 0.95)
+        high += terms.thin >= truth
+    assert held >= 0.93 * 500
+    assert high >= 0.93 * 500
+
+
+def test_no_scatter_falls_as_more_comes() -> None:
+    rng = np.random.default_rng(12)
+    for _ in range(200):
+        sizes, lengths = rng.poisson(2.0, 20).astype(float), rng.lognormal(0.0, 1.5, 20)
+        more = sizes + rng.poisson(1.0, 20)
+        assert scatter(more, lengths) >= scatter(sizes, lengths) >= (sizes**2).sum()
+        assert scatter(sizes, np.ones(20)) == pytest.approx((sizes**2).sum())
+
+
+def test_lengths_of_drives_are_those_of_their_numbers() -> None:
+    """Of what is one drive the longest, and those without a scenario behind them."""
+    one = source("one", [KINDS[0]] * 4, 0)
+    empty = replace(one.recordings[0], name="empty", hours=7.0, kilometres=70.0)
+    hours = [0.1, 0.2, 0.3, 0.4]
+    told = [replace(r, hours=h, kilometres=9.0 * h) for r, h in zip(one.recordings, hours, strict=True)]
+    told[3] = replace(told[3], traffic="same")
+    told[1] = replace(told[1], traffic="same a")
+    space = build_space([replace(one, recordings=(*told, empty))])
+    assert drive_numbers(space.rows).tolist() == [0, 1, 2, 1]
+    assert drive_lengths(space)[:, 0].tolist() == [0.1, 0.4, 0.3, 7.0]
+    assert drive_lengths(space)[:, 1] == pytest.approx([0.9, 3.6, 2.7, 70.0])
+    assert drive_lengths(space).sum(axis=0) == pytest.approx(space.driven)
 
 
 @pytest.mark.parametrize("drives", [5, 10, 30, 100])

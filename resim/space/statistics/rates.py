@@ -84,9 +84,30 @@ def spread_of(per_occasion: Sequence[int] | np.ndarray) -> float:
     return float((sizes**2).sum() / sizes.sum()) if sizes.sum() > 0.0 else 1.0
 
 
-def spread_by(number: ArrayLike) -> float:
-    """Give `spread_of` what comes at occasions, by the number (K,) of the occasion of each."""
-    return spread_of(np.unique(number, return_counts=True)[1])
+def spread_by(number: ArrayLike, lengths: Floats | None = None) -> float:
+    """Give `spread_of` what comes at occasions, by the number (K,) of the occasion of each.
+
+    lengths: of drives, of which number is the row (`scatter`).
+    """
+    if lengths is None:
+        return spread_of(np.unique(number, return_counts=True)[1])
+    sizes = np.bincount(np.asarray(number, dtype=np.intp), minlength=len(lengths)).astype(float)
+    return scatter(sizes, lengths) / float(sizes.sum()) if sizes.sum() > 0.0 else 1.0
+
+
+def scatter(sizes: Floats, lengths: Floats | None) -> float:
+    """Give the variance of a sum of what comes in drives (D,), as it is divided by the sum of their lengths (C,).
+
+    It is that of Poisson many drives, and where these differ in length that of the divisor on top: where long drives
+    bring no more than short ones, how many long ones there are changes the rate (a ratio estimate: W. Cochran, Sampling
+    Techniques, 1977, chapter 6). That is added whether or not more comes in longer ones, so that it never falls as
+    sizes rise. Lengths of which one is not finite say nothing.
+    """
+    alone = float((sizes**2).sum())
+    if lengths is None or not np.isfinite(lengths).all() or not lengths.sum() > 0.0:
+        return alone
+    parts = lengths / lengths.sum()
+    return alone + float(sizes.sum() ** 2) * max(float((parts**2).sum()) - 1.0 / len(parts), 0.0)
 
 
 def share(count: float, of: float, confidence: float = CONFIDENCE) -> IntervalEstimate:
