@@ -185,7 +185,7 @@ def test_no_scatter_falls_as_more_comes() -> None:
     rng = np.random.default_rng(12)
     for _ in range(200):
         sizes, lengths = rng.poisson(2.0, 20).astype(float), rng.lognormal(0.0, 1.5, 20)
-        more = sizes + rng.poisson(1.0, 20)
+        more = sizes + rng.poisson(1.0, 20).astype(float)
         assert scatter(more, lengths) >= scatter(sizes, lengths) >= (sizes**2).sum()
         assert scatter(sizes, np.ones(20)) == pytest.approx((sizes**2).sum())
 
