@@ -57,7 +57,7 @@ validate: $(READY) $(PLANNER)/ready $(CHECKER)/ready $(OMEGA)/ready $(PEER)/read
 	$(call validated,mining_assertive,validate_mining.py traffic --hours 0.1 --seed 4 3 --settings scenarios/traffic/assertive.toml)
 	$(call validated,mining_damaged,validate_mining.py damaged --hours 0.1 --seed 5 41 42)
 	$(call validated,mining_damaged_dense,validate_mining.py damaged --hours 0.0222 --seed 5 41 42 --settings scenarios/traffic/hasty.toml)
-	$(call validated,mining_damaged_pushing,validate_mining.py damaged --hours 0.1 --seed 601 602 --settings scenarios/traffic/pushing.toml)
+	$(call validated,mining_damaged_pushing,validate_mining.py damaged --hours 0.1 --seed 601 --settings scenarios/traffic/pushing.toml)
 	$(call validated,mining_planted,validate_planted.py $(DATA) --count 3)
 	$(call validated,mining_planted_varied,validate_planted.py $(DATA) --count 1 --varied 1)
 	$(call validated,mining_augmented,validate_mining.py augmented --count 10)
