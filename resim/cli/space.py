@@ -182,9 +182,9 @@ def release(
     left = found.remaining
     if found.forbidding:
         enough = "within the limits" if left.enough else "not enough either"
-        say(
-            f"{counted(len(found.forbidding), 'cluster')} forbid it; without them {left.clusters} are left: {enough}"
-        )
+        forbid, them = ("forbids", "it") if len(found.forbidding) == 1 else ("forbid", "them")
+        many = counted(len(found.forbidding), "cluster")
+        say(f"{many} {forbid} it; without {them} {left.clusters} are left: {enough}")
     for one in found.plan[:3]:
         first = f" (first {one.first})" if one.first else ""
         say(
