@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sqlalchemy import and_, delete, or_, select
 
-from resim.core.errors import ResimError
+from resim.core.errors import InputError, ResimError
 from resim.recordings.settings import SETTINGS
 from resim.results.catalog import Catalog, begins, drop, put, rate, user_catalog
 from resim.results.database import inserting
@@ -109,8 +109,11 @@ def enter(catalog: Catalog, folders: Iterable[Path]) -> int:
     """Enter the results in folders, as the commands that wrote them did. Says how many are there, and whole."""
     count = 0
     for folder in folders:
-        kind = next((kind for kind, (mark, _) in KINDS.items() if (folder / mark).is_file()), None)
-        if kind is not None and (entries := _read(kind, folder, lambda what, path: None)):
+        try:
+            kind = kind_of(folder)
+        except InputError:  # gone, or begun anew
+            continue
+        if entries := _read(kind, folder, lambda what, path: None):
             catalog.add(*entries)
             count += 1
     return count

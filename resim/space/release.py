@@ -73,7 +73,7 @@ def _plan(space: Space, case: ReleaseCase) -> tuple[PlannedTest, ...]:
         )
         for name in case.names
     ]  # fmt: skip
-    exposed, seen = (replace(one, lengths=case.lengths["hour"]) for one in (case.exposed, case.seen))
+    exposed, seen = case.exposed_over("hour")
     plan = test_plan(clusters, exposed, case.risk, asked, seen)
     if not case.unknown:
         return plan

@@ -64,10 +64,14 @@ class ReleaseCase:
         told = self.limits
         return risk_limits(self.names, self.risks, told.confidence, told.least_drives, self.calibration)
 
+    def exposed_over(self, per: Per) -> tuple[ExposedScenarios, ExposedScenarios]:
+        """Give `exposed` and `seen` with the lengths of drives in that unit."""
+        lengths = self.lengths[per]
+        return replace(self.exposed, lengths=lengths), replace(self.seen, lengths=lengths)
+
     def accidents(self, per: Per, left_out: Sequence[int] = ()) -> AccidentTerms:
         """Give expected accidents, without clusters that are left out of the ODD."""
-        lengths = self.lengths[per]
-        exposed, seen = (replace(one, lengths=lengths) for one in (self.exposed, self.seen))
+        exposed, seen = self.exposed_over(per)
         return expected_accidents(
             exposed.without(left_out), self.risk, self.driven[per], self.limits.confidence, seen
         )
