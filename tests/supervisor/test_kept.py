@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +114,29 @@ def test_few_pages_and_no_large_ones_are_kept(monkeypatch: pytest.MonkeyPatch) -
     for _ in range(2):
         make(-1, "x" * (kept.LARGEST + 1))
     assert made[-2:] == [-1, -1]
+
+
+@pytest.mark.parametrize("fresh", [1e9, 0.0])
+def test_who_asks_while_a_page_is_made_waits_for_it(monkeypatch: pytest.MonkeyPatch, fresh: float) -> None:
+    monkeypatch.setattr(kept, "FRESH", fresh)  # 0: a page that takes longer to make than it is fresh
+    pages, made, asked = KeptPages(), list[int](), threading.Barrier(8)
+
+    def make() -> str:
+        time.sleep(0.5)  # in which all others ask
+        made.append(1)
+        return "x"
+
+    def ask(_: int) -> str:
+        asked.wait()
+        return pages.page("a", make)
+
+    with ThreadPoolExecutor(8) as pool:
+        assert [*pool.map(ask, range(8))] == ["x"] * 8
+    assert len(made) == 1
+    assert pages.page("b", lambda: "y") == "y"
+    with pytest.raises(ValueError, match="no"):
+        pages.page("c", lambda: str(int("no")))
+    assert pages.page("c", lambda: "z") == "z"  # nobody is held up by it
 
 
 def test_the_look_of_pages_is_kept_by_browsers_until_it_changes(user: Any) -> None:
