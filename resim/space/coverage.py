@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from resim.core.geometry import Floats
+from resim.space.draws import Driven
 from resim.space.report import ConvergenceEntry, CoverageEntry, DiscoveryCurve
-from resim.space.statistics.rates import IntervalEstimate, for_drives, rate, share, spread_by
+from resim.space.statistics.rates import IntervalEstimate, share, spread_by
 from resim.space.statistics.unseen import HeldOutCheck, held_out, kinds_at_least, more_needed, unseen_by_drive
 from resim.space.traces import Ints
 
@@ -30,7 +31,7 @@ class SeenScenarios:
         distance: (N,) to the medoid of their cluster.
         hours: (N,) h driven until they come, NaN where nobody says.
         kilometres: (N,) km likewise.
-        whole: h and km driven in all.
+        driven: What was driven in all; its numbers of drives are those of `drive`.
         drive: (N,) number of the recording of each.
     """
 
@@ -39,25 +40,25 @@ class SeenScenarios:
     distance: Floats
     hours: Floats
     kilometres: Floats
-    whole: tuple[float, float]
+    driven: Driven
     drive: Ints
 
     def take(self, rows: Ints) -> SeenScenarios:
         """Give some of them."""
         return SeenScenarios(
             self.kind[rows], self.occasion[rows], self.distance[rows], self.hours[rows], self.kilometres[rows],
-            self.whole, self.drive[rows],
+            self.driven, self.drive[rows],
         )  # fmt: skip
 
 
-def coverage(seen: SeenScenarios, drives: int, *, whole: bool = True) -> CoverageEntry:
-    """Give how much of a space was seen. drives: of the whole space (`for_drives`); whole: whether that is all that was
-    driven, with no scenario or recording left out.
+def coverage(seen: SeenScenarios, *, whole: bool = True) -> CoverageEntry:
+    """Give how much of a space was seen. whole: whether that is all that was driven, with no scenario or recording left
+    out.
 
     Scenarios of one kind and occasion are one: several EGOs that see the same lane change tell of one kind once.
     """
     once = first_of_each(seen)
-    hours, kilometres = _later_discovery(once, drives)
+    hours, kilometres = _later_discovery(once)
     return CoverageEntry(
         kinds_at_least(_counts(once.kind)),
         hours,
@@ -106,7 +107,7 @@ def convergence(once: SeenScenarios, limit: float = LIMIT, *, whole: bool = True
     )
     if not done and missing == 0.0:
         missing = np.nan  # drives differ, or something was left out: nobody can say how many more are needed
-    per_scenario = once.whole[0] / n if n else np.nan
+    per_scenario = once.driven.whole[0] / n if n else np.nan
     return ConvergenceEntry(
         bool(done), limit, unseen, expanding, 0.0 if done else missing,
         0.0 if done else missing * per_scenario,
@@ -139,15 +140,14 @@ def _more_without_growth(expanding: IntervalEstimate, of: float, limit: float) -
     return n - of
 
 
-def _later_discovery(once: SeenScenarios, drives: int) -> tuple[IntervalEstimate, IntervalEstimate]:
+def _later_discovery(once: SeenScenarios) -> tuple[IntervalEstimate, IntervalEstimate]:
     """New kinds by hour and kilometre in the later half of what was driven."""
     _, first = np.unique(once.kind, return_index=True)
-    spread = spread_by(once.drive[first])
-    out = []
-    for driven, whole in zip((once.hours, once.kilometres), once.whole, strict=True):
-        new = float((driven[first] >= 0.5 * whole).sum()) if np.isfinite(whole) else np.nan
-        out.append(for_drives(rate(new, 0.5 * whole, spread), drives))
-    return out[0], out[1]
+    hours, kilometres = (
+        float((until[first] >= 0.5 * whole).sum()) if np.isfinite(whole) else np.nan
+        for until, whole in zip((once.hours, once.kilometres), once.driven.whole, strict=True)
+    )
+    return once.driven.rates(once.drive[first], (hours, kilometres), 0.5)
 
 
 def curve(once: SeenScenarios) -> DiscoveryCurve:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from resim.core.geometry import Floats
 from resim.core.provenance import versions
 from resim.core.spelling import counted
 from resim.space.coverage import SeenScenarios, coverage
-from resim.space.draws import drive_lengths, drive_numbers
+from resim.space.draws import Driven, drive_numbers, driven_in
 from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
-from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, for_drives, rate, spread_by
+from resim.space.statistics.rates import LEAST_DRIVES
 from resim.space.traces import Ints
 
 LONE = 0.5
@@ -21,21 +20,19 @@ LONE = 0.5
 
 def report(space: Space, files: dict[str, str]) -> SpaceReport:
     """Give what space.json says. files: hashes of the tables."""
-    rows, driven, drives = space.rows, space.driven, space.rows["drive"].nunique()
-    lengths = drive_lengths(space)
+    rows, driven = space.rows, driven_in(space)
     nothing_lost = not any(one.left_out or one.failed for one in space.sources)
     buckets = tuple(
-        _bucket(space, bucket, own, (drives, lengths), whole=nothing_lost)
-        for bucket, own in space.by_bucket()
+        _bucket(space, bucket, own, driven, whole=nothing_lost) for bucket, own in space.by_bucket()
     )
-    whole = coverage(seen(space, np.arange(len(rows))), drives, whole=nothing_lost)
+    whole = coverage(seen(space, np.arange(len(rows)), driven), whole=nothing_lost)
     return SpaceReport(
-        versions(), files, space.settings, space.sources, len(rows), driven[0], driven[1], buckets, whole,
+        versions(), files, space.settings, space.sources, len(rows), *driven.whole, buckets, whole,
         tuple(_notes(space, buckets)),
     )  # fmt: skip
 
 
-def seen(space: Space, own: Ints) -> SeenScenarios:
+def seen(space: Space, own: Ints, driven: Driven) -> SeenScenarios:
     """Give scenarios of a space in the order in which they were driven.
 
     Each whose kind is not known (`Space.unsure`) is of one of its own.
@@ -47,20 +44,19 @@ def seen(space: Space, own: Ints) -> SeenScenarios:
     kind = np.where(space.unsure[own][order], len(names) + np.arange(len(kind)), kind)
     return SeenScenarios(
         kind, rows["occasion"].to_numpy(np.intp), rows["to_medoid"].to_numpy(float),
-        rows["hours"].to_numpy(float), rows["kilometres"].to_numpy(float), space.driven,
+        rows["hours"].to_numpy(float), rows["kilometres"].to_numpy(float), driven,
         drive_numbers(space.rows)[own][order],
     )  # fmt: skip
 
 
-def _bucket(space: Space, bucket: str, own: Ints, of: tuple[int, Floats], *, whole: bool) -> BucketEntry:
-    """of: how many drives have a scenario, and how long each is."""
+def _bucket(space: Space, bucket: str, own: Ints, driven: Driven, *, whole: bool) -> BucketEntry:
     rows, how = space.rows.iloc[own], space.links[bucket]
     names, drive = rows["cluster"].to_numpy(str), drive_numbers(space.rows)[own]
     clusters = sorted(set(names.tolist()), key=in_order)
     return BucketEntry(
         bucket, int(rows["number"].iloc[0]), len(own), how.threshold, how.chosen, how.method, how.links,
-        tuple(_cluster(rows[names == name], drive[names == name], space.driven, of) for name in clusters),
-        coverage(seen(space, own), of[0], whole=whole),
+        tuple(_cluster(rows[names == name], drive[names == name], driven) for name in clusters),
+        coverage(seen(space, own, driven), whole=whole),
     )  # fmt: skip
 
 
@@ -70,29 +66,12 @@ def in_order(name: str) -> tuple[int, bool, int]:
     return int(number), own.startswith("n"), int(own.lstrip("n"))
 
 
-def _cluster(
-    rows: pd.DataFrame, drive: Ints, driven: tuple[float, float], of: tuple[int, Floats]
-) -> ClusterEntry:
-    hours, kilometres = exposure(drive, driven, *of)
+def _cluster(rows: pd.DataFrame, drive: Ints, driven: Driven) -> ClusterEntry:
+    hours, kilometres = driven.rates(drive)
     return ClusterEntry(
         str(rows["cluster"].iloc[0]), str(rows["scenario"][rows["medoid"]].iloc[0]), len(rows),
         int(rows["occasion"].nunique()), float(rows["to_medoid"].max()), hours, kilometres,
     )  # fmt: skip
-
-
-def exposure(
-    drive: Ints, driven: tuple[float, float], drives: int, lengths: Floats | None = None
-) -> tuple[IntervalEstimate, IntervalEstimate]:
-    """Give how often scenarios come, by hour and kilometre. drive (K,): of each, which is one draw of its traffic.
-
-    drives: of the space (`for_drives`); lengths (D, 2): of each drive (`drive_lengths`).
-    """
-    of = (None, None) if lengths is None else lengths.T
-    hours, kilometres = (
-        for_drives(rate(len(drive), one, spread_by(drive, length)), drives)
-        for one, length in zip(driven, of, strict=True)
-    )
-    return hours, kilometres
 
 
 def _notes(space: Space, buckets: tuple[BucketEntry, ...]) -> list[str]:

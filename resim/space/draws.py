@@ -9,13 +9,51 @@ recording is one draw of each kind of scenario in it.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from resim.core.geometry import Floats
 from resim.space.model import Space
+from resim.space.statistics.rates import IntervalEstimate, for_drives, rate, spread_by
 from resim.space.traces import Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What was driven to see scenarios.
+
+    Attributes:
+        whole: h and km in all; NaN where nobody says.
+        drives: How many drives have a scenario (`for_drives`).
+        lengths: (D, 2) h and km of each drive (`drive_lengths`).
+    """
+
+    whole: tuple[float, float]
+    drives: int
+    lengths: Floats
+
+    def rates(
+        self, drive: Ints, counts: tuple[float, float] | None = None, part: float = 1.0
+    ) -> tuple[IntervalEstimate, IntervalEstimate]:
+        """Give how often something comes, by hour and kilometre.
+
+        drive (K,): of each, which is one draw of its traffic; counts: how many of them came in that part of what was
+        driven, by hours and by kilometres; all where not given.
+        """
+        hours, kilometres = (
+            for_drives(rate(count, part * whole, spread_by(drive, length)), self.drives)
+            for count, whole, length in zip(
+                counts or (len(drive),) * 2, self.whole, self.lengths.T, strict=True
+            )
+        )
+        return hours, kilometres
+
+
+def driven_in(space: Space) -> Driven:
+    """Give what was driven to see the scenarios of a space."""
+    return Driven(space.driven, space.rows["drive"].nunique(), drive_lengths(space))
 
 
 def drive_numbers(rows: pd.DataFrame) -> Ints:

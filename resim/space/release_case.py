@@ -12,7 +12,7 @@ from resim.core.geometry import Floats
 from resim.space.calibration import ReliabilityReport
 from resim.space.coverage import SeenScenarios, first_of_each, halves
 from resim.space.described import seen as in_order_driven
-from resim.space.draws import drive_lengths, drive_numbers
+from resim.space.draws import drive_numbers, driven_in
 from resim.space.expected import (
     AccidentTerms,
     ExposedScenarios,
@@ -83,14 +83,15 @@ def release_case(space: Space, cover: CoverReport | None, limits: ReleaseLimits)
     exposed = ExposedScenarios(
         kind, space.rows["occasion"].to_numpy(np.intp), drive_numbers(space.rows), len(names)
     )
-    told = in_order_driven(space, np.arange(len(space.rows)))
+    driven = driven_in(space)
+    told = in_order_driven(space, np.arange(len(space.rows)), driven)
     seen = _seen(told, sum(one.left_out for one in space.sources))
     risks = {} if cover is None else {one.cluster: one for one in cover.clusters}
     calibration = None if cover is None else cover.calibration
-    (hours, kilometres), lengths = space.driven, drive_lengths(space)
     return ReleaseCase(
         tuple(names.tolist()), exposed, seen, risks, calibration, tuple(_unknown(space, told, cover)),
-        {"hour": hours, "kilometre": kilometres}, {"hour": lengths[:, 0], "kilometre": lengths[:, 1]}, limits,
+        {"hour": driven.whole[0], "kilometre": driven.whole[1]},
+        {"hour": driven.lengths[:, 0], "kilometre": driven.lengths[:, 1]}, limits,
     )  # fmt: skip
 
 

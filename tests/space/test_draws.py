@@ -17,8 +17,8 @@ from resim.core.geometry import Floats
 from resim.core.intervals import exact
 from resim.space.build import build_space
 from resim.space.calibration import reliability
-from resim.space.described import exposure
-from resim.space.draws import drive_lengths, drive_numbers, recording_draws, scenario_draws
+from resim.space.coverage import SeenScenarios, coverage
+from resim.space.draws import Driven, drive_lengths, drive_numbers, recording_draws, scenario_draws
 from resim.space.expected import ExposedScenarios, RiskLimit, expected_accidents, risk_limit
 from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, TestDrive, judged_members
 from resim.space.model import Space
@@ -143,7 +143,7 @@ def test_rates_hold_where_drives_differ(drives: int, shape: float) -> None:
     rng, held, high = np.random.default_rng(6), 0, 0
     for _ in range(500):
         number = np.repeat(np.arange(drives), rng.poisson(20.0 * rng.gamma(shape, 1.0 / shape, drives)))
-        found, _ = exposure(number, (float(drives), 1.0), drives)
+        found, _ = Driven((float(drives), 1.0), drives, np.ones((drives, 2))).rates(number)
         held += found.low <= 20.0 and not found.high < 20.0
         exposed = ExposedScenarios(number * 0, np.arange(len(number)), number, 1)
         terms = expected_accidents(exposed, [RiskLimit(np.nan, 0.0, 1.0, False)], float(drives), 0.95)
@@ -172,13 +172,30 @@ def test_rates_hold_where_long_drives_bring_no_more(lengths: str, drives: int) -
     for _ in range(500):
         hours = drawn_hours(rng, drives)
         number = np.repeat(np.arange(drives), rng.poisson(6.0, drives))
-        found, _ = exposure(number, (hours.sum(), 1.0), drives, np.stack([hours, hours], axis=1))
+        found, _ = Driven((hours.sum(), 1.0), drives, np.stack([hours, hours], axis=1)).rates(number)
         held += found.low <= truth <= found.high
         exposed = ExposedScenarios(number * 0, np.arange(len(number)), number, 1, hours)
         terms = expected_accidents(exposed, [RiskLimit(np.nan, 0.0, 1.0, False)], hours.sum(), 0.95)
         high += terms.thin >= truth
     assert held >= 0.93 * 500
     assert high >= 0.93 * 500
+
+
+@pytest.mark.parametrize("drives", [30, 100])
+@pytest.mark.parametrize("lengths", LONG)
+def test_the_rate_of_new_kinds_holds_where_long_drives_bring_no_more(lengths: str, drives: int) -> None:
+    """Six come in a drive, however long it is, each of a kind of its own."""
+    drawn_hours, mean = LONG[lengths]
+    rng, held, truth = np.random.default_rng(13), 0, 6.0 / mean
+    for _ in range(500):
+        hours = drawn_hours(rng, drives)
+        number = np.repeat(np.arange(drives), rng.poisson(6.0, drives))
+        until, nothing = np.cumsum(hours)[number], np.zeros(len(number))
+        driven = Driven((hours.sum(), hours.sum()), drives, np.stack([hours, hours], axis=1))
+        kind = np.arange(len(number))
+        found = coverage(SeenScenarios(kind, kind, nothing, until, until, driven, number)).discovery_per_hour
+        held += found.low <= truth <= found.high
+    assert held >= 0.93 * 500
 
 
 def test_no_scatter_falls_as_more_comes() -> None:
@@ -212,7 +229,7 @@ def test_rates_hold_where_few_drives_have_most_of_what_comes(drives: int) -> Non
     for _ in range(500):
         each = np.where(rng.random(drives) < 0.1, 200.0, 2.0)
         number = np.repeat(np.arange(drives), rng.poisson(each))
-        found, _ = exposure(number, (float(drives), 1.0), drives)
+        found, _ = Driven((float(drives), 1.0), drives, np.ones((drives, 2))).rates(number)
         held += found.low <= 0.1 * 200.0 + 0.9 * 2.0 and not found.high < 0.1 * 200.0 + 0.9 * 2.0
         assert np.isnan(found.high) == (drives < 30)
     assert held >= 0.93 * 500

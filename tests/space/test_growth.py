@@ -19,6 +19,7 @@ from resim.space.clustering import Linkage
 from resim.space.comparison import together as comparison_of
 from resim.space.coverage import SeenScenarios, coverage, expands
 from resim.space.described import report
+from resim.space.draws import Driven
 from resim.space.folder import read_space, write_space
 from resim.space.members import MEMBER_COLUMNS
 from resim.space.risk import cluster_risks
@@ -242,22 +243,24 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
     assert not few.converged
     assert few.missing > 50
     assert few.missing_hours > 1.0
+    of = Driven((600.0, 600.0), 150, np.full((150, 2), 4.0))
     many = SeenScenarios(
         np.arange(600) % 6,
         np.arange(600),
         np.full(600, 0.1),
         np.arange(600.0),
         np.arange(600.0),
-        (600.0, 600.0),
+        of,
         np.arange(600) // 4,
     )
-    found = coverage(many, 150)
+    found = coverage(many)
     assert found.convergence.converged
     assert found.discovery_per_hour.value == 0.0
     assert found.discovery_per_hour.high > 0.0
-    assert np.isnan(coverage(many, 29).discovery_per_hour.high)  # few drives may have most of what comes
-    assert np.isnan(coverage(many, 29).discovery_per_kilometre.high)
-    alone = coverage(replace(many, drive=np.zeros(600, int)), 1).convergence  # the next drive may have others
+    few_drives = coverage(replace(many, driven=replace(of, drives=29)))  # they may have most of what comes
+    assert np.isnan(few_drives.discovery_per_hour.high)
+    assert np.isnan(few_drives.discovery_per_kilometre.high)
+    alone = coverage(replace(many, drive=np.zeros(600, int))).convergence  # the next drive may have others
     assert (alone.converged, alone.unseen.value) == (False, 1.0)
     assert alone.missing > 600
     growing = SeenScenarios(
@@ -266,10 +269,10 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
         np.arange(600.0) / 100.0,
         np.arange(600.0),
         np.arange(600.0),
-        (600.0, 600.0),
+        of,
         np.arange(600) // 4,
     )
-    assert not coverage(growing, 150).convergence.converged
+    assert not coverage(growing).convergence.converged
 
 
 @pytest.mark.parametrize("lost", [{"left_out": 1}, {"failed": ("one/7",)}])
