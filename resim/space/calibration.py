@@ -88,7 +88,7 @@ def reliability(
     kinds = np.unique(told if kind is None else np.asarray(kind), return_inverse=True)[1]
     counts = np.array([len(np.unique(of[(where == k) & ~unknown])) for k in range(len(EDGES) - 1)])
     lost = np.isnan(predicted)
-    together, alone = _shared(where[~lost]), _shared(kinds[~lost])
+    together, alone = _shared(where[~unknown]), _shared(kinds[~unknown])
     bins = []
     for k in np.unique(where).tolist():
         mine = where == k

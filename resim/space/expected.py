@@ -10,6 +10,7 @@ on the safe side.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -161,14 +162,16 @@ def _per_drive(exposed: ExposedScenarios, weights: Floats) -> tuple[Floats, floa
 def _upper(told: tuple[Floats, float], largest: float, driven: float, alpha: float) -> float:
     """Upper limit of a rate of weighted events, one event more of the largest weight (Fay and Feuer 1997).
 
-    told: their weights (O,) and variance; largest: weight of a single event, at least.
+    told: their weights (O,) and variance; largest: weight of a single event, at least. It is at least that of a single
+    event with their variance: for few events and a small alpha Fay and Feuer's falls as a weight rises.
     """
     weights, variance = told
     most = max(float(weights.max(initial=0.0)), largest)
     if most == 0.0:
         return 0.0
     mean, variance = float(weights.sum()) + most, variance + most**2
-    return float(variance / mean * gammaincinv(mean**2 / variance, 1.0 - alpha)) / driven
+    high = float(variance / mean * gammaincinv(mean**2 / variance, 1.0 - alpha))
+    return max(high, -math.log(alpha) * math.sqrt(variance)) / driven
 
 
 def _lower(weights: Floats, variance: float, driven: float, alpha: float) -> float:

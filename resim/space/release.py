@@ -109,7 +109,7 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
 
 def _drives_check(case: ReleaseCase) -> ReleaseCheck:
     """Whether limits of rates can be believed, even if few drives have most of what comes."""
-    drives = float(len(np.unique(case.seen.drive)))
+    drives = float(len(np.unique(case.exposed.drive)))
     more = max(LEAST_DRIVES / drives - 1.0, 0.0) * case.driven["hour"] if drives else math.nan
     return ReleaseCheck(
         "drives in which scenarios come", drives, math.nan, math.nan, float(LEAST_DRIVES),

@@ -264,6 +264,17 @@ def test_the_unseen_share_holds_where_a_rare_drive_is_all_new(drives: int) -> No
     assert held >= 0.93 * 500
 
 
+def test_a_scenario_whose_kind_is_lost_makes_the_unseen_share_no_smaller() -> None:
+    """In one drive all is new: of what is alone most is of it, and what is alone elsewhere must not dilute that."""
+    rng = np.random.default_rng(15)
+    for _ in range(300):
+        drive = np.repeat(np.arange(40), rng.integers(1, 8, 40))
+        kind = np.where(drive == 0, 1000 + np.arange(len(drive)), rng.integers(0, 5, len(drive)))
+        lost = kind.copy()
+        lost[rng.integers(len(drive))] = 5000
+        assert unseen_by_drive(lost, drive).high >= unseen_by_drive(kind, drive).high - 1e-12
+
+
 @settings(deadline=None, max_examples=50)
 @given(st.lists(st.tuples(st.integers(0, 7), st.sampled_from([0.0, 0.1, 0.5, 1.0, np.nan]), st.booleans()), min_size=1),
        st.data())  # fmt: skip

@@ -313,6 +313,14 @@ def test_a_risk_that_rises_as_data_are_lost_is_believed_no_more(seen: Space, los
     assert decided(seen, frame, limits(0.3)).verdict == "good"
 
 
+def test_scenarios_without_slots_are_no_drives() -> None:
+    few = space_of([*KINDS[:3]] * 9 + [KINDS[0], KINDS[1]], hours=29.0)
+    lost = replace(few, sources=tuple(replace(one, left_out=3) for one in few.sources))
+    for space in (few, lost):
+        drives = decided(space, members(space, 30, 0.0), limits(1e6, least_seen=0.1)).checks[-1]
+        assert (drives.value, drives.met) == (29.0, False)
+
+
 def test_where_nothing_is_known_no_interval_is_told(seen: Space) -> None:
     known = decided(seen, members(seen, 5, 0.0), limits(0.3)).budgets[0].known
     assert np.isnan([known.value, known.low, known.high]).all()

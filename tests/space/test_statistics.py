@@ -8,15 +8,15 @@ from scipy.stats import binom, poisson
 
 from resim.space.calibration import reliability
 from resim.space.comparison import variation
-from resim.space.expected import ExposedScenarios, expected_accidents, risk_limits
+from resim.space.expected import ExposedScenarios, RiskLimit, expected_accidents, risk_limits
 from resim.space.risk import ClusterRisk, DrawRisk
 from resim.space.statistics.rates import UNKNOWN, rate, share, spread_of
 from resim.space.statistics.unseen import held_out, kinds_at_least, more_needed, unseen_share
 
 DRAWS = 500
 LEVEL = 0.93
-BELIEVED = reliability(np.repeat([0.0, 0.0005, 0.005, 0.02, 0.05, 0.2, 0.5], 4000), np.zeros(28000))
 """95 % less 2 points."""
+BELIEVED = reliability(np.repeat([0.0, 0.0005, 0.005, 0.02, 0.05, 0.2, 0.5], 4000), np.zeros(28000))
 POPULATIONS = {
     "zipf": 1.0 / np.arange(1, 501), "steep": 1.0 / np.arange(1, 501) ** 2.0, "even": np.ones(500),
     "few": np.ones(20), "geometric": 0.9 ** np.arange(300),
@@ -205,6 +205,38 @@ def test_a_kind_whose_risk_is_too_low_is_not_hidden_by_one_with_the_same_predict
     predicted, hit = np.full(60, 0.5), np.repeat([1.0, 0.0], 30)
     assert reliability(predicted, hit).verdict == "calibrated"
     assert reliability(predicted, hit, kind=["a"] * 30 + ["b"] * 30).verdict == "too low"
+
+
+def test_drives_of_another_kind_whose_end_is_not_known_hide_no_risk_that_is_too_low() -> None:
+    predicted = np.repeat([0.61, 0.73], 22)
+    hit, kind = np.r_[np.repeat([1.0, 0.0], [14, 8]), np.repeat([1.0, 0.0], [21, 1])], ["a"] * 22 + ["b"] * 22
+    assert reliability(predicted, hit, kind=kind).verdict == "too low"
+    more, lost = np.r_[predicted, np.full(3, 0.6)], np.r_[hit, np.full(3, np.nan)]
+    assert reliability(more, lost, kind=[*kind, "c", "d", "e"]).verdict == "too low"
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.95, 0.999])
+def test_no_limit_of_accidents_falls_as_a_risk_rises(confidence: float) -> None:
+    rng = np.random.default_rng(14)
+    for _ in range(300):
+        drives, n = int(rng.integers(1, 40)), int(rng.integers(1, 30))
+        exposed = ExposedScenarios(
+            rng.integers(0, 4, n),
+            np.arange(n),
+            rng.integers(0, drives, n),
+            4,
+            rng.lognormal(0.0, 2.0, drives),
+        )
+        one = rng.beta(0.2, 2.0, 4)
+        other = np.minimum(one + 0.3 * rng.random(4) * (np.arange(4) == rng.integers(4)), 1.0)
+        before, after = (
+            expected_accidents(
+                exposed, [RiskLimit(0.0, 0.0, float(high), True) for high in risk], 1.0, confidence
+            )
+            for risk in (one, other)
+        )
+        assert after.high >= before.high * (1.0 - 1e-9)
+        assert after.known >= before.known * (1.0 - 1e-9)
 
 
 def test_how_far_two_distributions_are_apart_is_held() -> None:

@@ -52,13 +52,14 @@ def unseen_by_drive(kind: Ints, drive: Ints, confidence: float = CONFIDENCE) -> 
     kind, drive: numbers (K,) of each. As `unseen_share`, where what comes in one drive alone takes the place of kinds
     seen once: the share of a drive that all others do not have. Drives have kinds of their own, each of which may come
     several times in one, and each drive is one draw: of the next one all may be new, as far as so many drives alike
-    leave it open. With a single drive nothing is known of the next one.
+    leave it open. With a single drive nothing is known of the next one. Of what comes in one drive alone the most that
+    is of one drive come at once: by their mean, weighted by size, one more elsewhere would make the upper end smaller.
     """
     kinds, which = np.unique(kind, return_inverse=True)
     pairs = np.unique(np.stack([which, drive]), axis=1)
     drives = np.bincount(pairs[0], minlength=len(kinds))[which]
     alone = drive[drives == 1]
-    spread = max(spread_by(one) for one in (alone, drive))
+    spread = max(float(np.bincount(alone).max(initial=0)), spread_by(drive))
     return _interval(float(len(alone)), float((drives == 2).sum()), float(len(kind)), spread, confidence)
 
 
