@@ -107,10 +107,11 @@ def make_traffic(
     }
     ego = read_ego(file, told.ego, *(None if one is None else path_of(one) for one in (build, perception)))
     provenance |= {} if ego is None else ego.provenance()
-    made = 0
+    made, left_out = 0, dict[str, str]()
     for number, window in enumerate(
         traffic_windows(network, told, duration=3600.0 * hours, rate=RATE, seed=seed)
     ):
+        left_out |= dict(window.left_out)
         if not len(window.tracks):
             continue
         drawn = int(np.random.default_rng([seed, 3, number]).integers(2**31))
@@ -120,6 +121,13 @@ def make_traffic(
             write_highd(found.window.tracks if found else window.tracks, folder / "highd", number, RATE)
         made += 1
         yield one
+    if not made and left_out:
+        why = next(iter(left_out.values()))
+        raise InputError(
+            path,
+            f"all {len(left_out)} vehicles were left out, the first because {why}",
+            "See `resim map check`.",
+        )
     if not made:
         raise InputError(file, "no vehicle came in this time", "Raise per_lane, or ask for more hours.")
 

@@ -54,7 +54,15 @@ class Moment:
 def moments_finder(
     options: AroundOptions, labels: Sequence[str]
 ) -> Callable[[Recording, Features, Sequence[LabelledManeuver]], list[ExtractedScenario]]:
-    """Give what finds the windows of a recording's own EGO. labels: those that there are."""
+    """Give what finds the windows of a recording's own EGO. labels: those that there are.
+
+    Raises InputError where there is neither such a measure nor such a label.
+    """
+    from resim.metrics.measures.registry import MEASURES
+
+    known = [DECISION, *labels, *(measure.name for measure in MEASURES)]
+    if options.what not in known:
+        raise InputError("--around", unknown("measure or label", options.what, [*dict.fromkeys(known)]))
 
     def find(
         recording: Recording, features: Features, found: Sequence[LabelledManeuver]
@@ -66,7 +74,7 @@ def moments_finder(
             own = [m for m in found if m.object == row and m.label == options.what]
             moments = [Moment(float(features.samples.t[m.at]), 0.0, np.nan) for m in own]
         else:
-            moments = _peaks(recording, options.what, labels)
+            moments = _peaks(recording, options.what)
         return _windows(features, row, moments, options)
 
     return find
@@ -85,21 +93,19 @@ def _decisions(features: Features, found: Sequence[LabelledManeuver], row: int) 
     return out
 
 
-def _peaks(recording: Recording, name: str, labels: Sequence[str]) -> list[Moment]:
-    """The peaks of a measure over the drive, of whichever object is worst. Raises InputError for an unknown one."""
+def _peaks(recording: Recording, name: str) -> list[Moment]:
+    """The peaks of a measure over the drive, of whichever object is worst."""
     from resim.metrics.measures.registry import MEASURES
 
-    known = {measure.name: measure for measure in MEASURES}
-    if name not in known:
-        raise InputError("--around", unknown("measure or label", name, [*known, DECISION, *labels]))
+    kind = next(measure.worst for measure in MEASURES if measure.name == name)
     options = AssessmentOptions(only=(name,), path="state" if recording.plan is None else "plan")
     block = assess_recording(recording, options).blocks["GT"]
     values, t = block.measures[name].value, block.drive.t
-    badness = {"high": values, "low": -values, "both": np.abs(values)}[known[name].worst]
+    badness = {"high": values, "low": -values, "both": np.abs(values)}[kind]
     flat = badness.reshape(len(t), -1)
     worst = np.where(np.isfinite(flat), flat, -np.inf).max(axis=1, initial=-np.inf)
     at = peaks(worst)
-    signed = -worst if known[name].worst == "low" else worst
+    signed = -worst if kind == "low" else worst
     return [Moment(float(t[k]), float(worst[k]), float(signed[k])) for k in at.tolist()]
 
 

@@ -314,9 +314,15 @@ def test_peaks_of_a_measure_are_found_also_at_its_ends() -> None:
     assert peaks(np.array([none, none])).tolist() == []
 
 
-def test_an_unknown_measure_or_label_is_refused(tmp_path: Path, drive: Path) -> None:
-    with pytest.raises(InputError, match="TTX"):
-        mine([drive], tmp_path / "out", MineOptions(around=AroundOptions("TTX")))
+def test_an_unknown_measure_or_label_is_refused_once_before_any_recording_is_read(
+    tmp_path: Path, drive: Path
+) -> None:
+    heard: list[object] = []
+    with pytest.raises(InputError, match="TTX") as e:
+        mine([drive], tmp_path / "out", MineOptions(around=AroundOptions("TTX")), heard=heard.append)
+    assert not heard
+    assert str(e.value).startswith("--around: there is no measure or label 'TTX'")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.fixture

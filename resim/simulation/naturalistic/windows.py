@@ -26,6 +26,8 @@ AFTER = 1.0
 """Time [s] for which SUMO goes on behind the last recording."""
 FEWEST = 5
 """Samples of a vehicle in a recording at least; fewer say nothing of it."""
+LEAP = 0.1
+"""m that a vehicle may be off in a sample from where its speed takes it; more is where a line of the map is torn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +105,9 @@ def _window(
     times = sample_times(length, rate)
     laid = [vehicle for track in own if (vehicle := traffic.vehicle(track)) is not None]
     tracks = _tracks(laid, times, begin)
+    for n, t, far in _leaps(tracks):
+        traffic.gone[str(tracks.ids[n])] = f"the map makes it leap by {far:.2f} m at {begin + t:.2f} s"
+    tracks = tracks.select([name for name in tracks.ids.tolist() if name not in traffic.gone])
     for n, m, t in first_overlaps(tracks):
         blamed = _blamed(traffic, str(tracks.ids[n]), str(tracks.ids[m]))
         traffic.gone.setdefault(blamed, f"overlaps at {begin + t:.2f} s")
@@ -114,6 +119,17 @@ def _window(
     here = {track.vehicle.id for track in own}
     gone = tuple((name, why) for name, why in traffic.gone.items() if name in here)
     return TrafficWindow(told, tracks, tuple(maneuvers), gone)
+
+
+def _leaps(tracks: Tracks) -> Iterator[tuple[int, float, float]]:
+    """Give who leaps, as where a road's line has a gap or a kink: its row, when [s], and how far [m] at most."""
+    driven = tracks.v * np.exp(1j * tracks.heading)
+    place = tracks.x + 1j * tracks.y
+    off = np.diff(place, axis=1) - 0.5 * (driven[:, 1:] + driven[:, :-1]) * np.diff(tracks.t)
+    far = np.nan_to_num(np.abs(off))
+    for n in np.flatnonzero((far > LEAP).any(axis=1)).tolist():
+        k = int(np.argmax(far[n]))
+        yield n, float(tracks.t[k + 1]), float(far[n, k])
 
 
 def _blamed(traffic: _Traffic, one: str, other: str) -> str:

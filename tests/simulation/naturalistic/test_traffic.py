@@ -144,6 +144,44 @@ def test_drivers_who_cut_in_differ_from_others_by_what_is_said_alone() -> None:
     assert cars > 0
 
 
+def write_bent(file: Path, turns: list[float], length: float, lanes: int) -> Path:
+    """A road of straight lines one after the other, each turned [rad] against the one before."""
+    x, y, heading, lines = 0.0, 0.0, 0.0, ""
+    for k, turn in enumerate(turns):
+        heading += turn
+        lines += (
+            f'<geometry s="{k * length}" x="{x}" y="{y}" hdg="{heading}" length="{length}"><line/></geometry>'
+        )
+        x, y = x + length * np.cos(heading), y + length * np.sin(heading)
+    right = "".join(
+        f'<lane id="{-n}" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
+        for n in range(1, lanes + 1)
+    )
+    file.write_text(
+        f'''<OpenDRIVE><header revMajor="1" revMinor="7"/><road name="" length="{length * len(turns)}" id="1"
+        junction="-1"><type s="0" type="motorway"/><planView>{lines}</planView><lanes><laneSection s="0">
+        <center><lane id="0" type="none"/></center><right>{right}</right></laneSection></lanes></road></OpenDRIVE>'''
+    )
+    return file
+
+
+def test_who_would_leap_where_the_line_has_a_kink_is_left_out(tmp_path: Path) -> None:
+    """At a kink of 0.03 rad the centre of lane -1 leaps by 5 cm, that of lane -2 by 16 cm."""
+    road, settings = write_bent(tmp_path / "kinked.xodr", [0.0, 0.03], 300.0, 2), short(tmp_path, "motorway")
+    [made] = make_traffic(road, tmp_path / "out", hours=30.0 / 3600.0, settings=settings, seed=3)
+    leap = [why for _, why in made.left_out if "the map makes it leap by 0.16 m at" in why]
+    assert leap
+    gt = read_recording(made.folder).gt
+    place = gt.x + 1j * gt.y
+    assert np.nanmax(np.abs(np.diff(place, 2, axis=1))) < 0.2  # each leap would be of 0.05 and 0.16 m, twice
+
+
+def test_a_map_on_which_everybody_leaps_is_blamed(tmp_path: Path) -> None:
+    road = write_bent(tmp_path / "torn.xodr", [0.2, -0.2] * 20, 3.0, 1)
+    with pytest.raises(InputError, match=r"left out, the first because the map makes it leap by 0\.[23]"):
+        list(make_traffic(road, tmp_path / "out", hours=0.005, settings=short(tmp_path, "motorway"), seed=3))
+
+
 def test_demand_is_what_the_settings_say() -> None:
     network = load(MAPS["motorway"])
     edges = read_edges(sumo_net(network).path)
