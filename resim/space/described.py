@@ -8,10 +8,10 @@ import pandas as pd
 from resim.core.provenance import versions
 from resim.core.spelling import counted
 from resim.space.coverage import SeenScenarios, coverage
-from resim.space.draws import Driven, drive_numbers, driven_in
+from resim.space.draws import Driven, drive_lengths, drive_numbers, driven_in
 from resim.space.model import SHORT, Space
 from resim.space.report import BucketEntry, ClusterEntry, SpaceReport
-from resim.space.statistics.rates import LEAST_DRIVES
+from resim.space.statistics.rates import LEAST_ALIKE, LEAST_DRIVES, worth
 from resim.space.traces import Ints
 
 LONE = 0.5
@@ -110,6 +110,12 @@ def _notes(space: Space, buckets: tuple[BucketEntry, ...]) -> list[str]:
         out.append(
             f"all is of {counted(drives, 'drive')}: how often scenarios come at most is not known of fewer "
             f"than {LEAST_DRIVES}, as few drives may have most of what comes"
+        )
+    alike = worth(drive_lengths(space)[:, 0])
+    if drives >= LEAST_DRIVES and alike < LEAST_ALIKE:
+        out.append(
+            f"few drives have most of the time, so that all are worth {alike:.3g} of like length: how often scenarios "
+            f"come at most is not known of fewer than {LEAST_ALIKE:g}"
         )
     if len({one.egos for one in space.sources}) > 1:
         out.append("sources with every vehicle as EGO are mixed with test drives: rates are of both together")

@@ -43,7 +43,7 @@ class Driven:
         driven, by hours and by kilometres; all where not given.
         """
         hours, kilometres = (
-            for_drives(rate(count, part * whole, spread_by(drive, length)), self.drives)
+            for_drives(rate(count, part * whole, spread_by(drive, length)), self.drives, length)
             for count, whole, length in zip(
                 counts or (len(drive),) * 2, self.whole, self.lengths.T, strict=True
             )

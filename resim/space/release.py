@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +30,7 @@ from resim.space.release_report import (
     RemainingDomain,
 )
 from resim.space.risk import CoverReport
-from resim.space.statistics.rates import LEAST_DRIVES, IntervalEstimate, share, spread_by
+from resim.space.statistics.rates import LEAST_ALIKE, LEAST_DRIVES, IntervalEstimate, share, spread_by, worth
 from resim.space.test_plan import PlannedCluster, PlannedTest, test_plan
 
 SENTENCE = (
@@ -104,18 +104,34 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
                 one.source,
             )
         )  # fmt: skip
-    return (*out, _drives_check(case))
+    return (*out, *_drives_checks(case))
 
 
-def _drives_check(case: ReleaseCase) -> ReleaseCheck:
-    """Whether limits of rates can be believed, even if few drives have most of what comes."""
-    drives = float(len(np.unique(case.exposed.drive)))
-    more = max(LEAST_DRIVES / drives - 1.0, 0.0) * case.driven["hour"] if drives else math.nan
-    return ReleaseCheck(
-        "drives in which scenarios come", drives, math.nan, math.nan, float(LEAST_DRIVES),
-        drives >= LEAST_DRIVES, False, more,
-        "our choice: with fewer, limits of rates hold too seldom where one drive in ten has most of what comes",
-    )  # fmt: skip
+def _drives_checks(case: ReleaseCase) -> Iterator[ReleaseCheck]:
+    """Whether limits of rates can be believed, even if few drives have most of what comes, or most of the time."""
+    counted = float(len(np.unique(case.exposed.drive)))
+    alike = min(worth(one) for one in case.lengths.values())
+    for name, drives, least, times, why in (
+        (
+            "drives in which scenarios come",
+            counted,
+            float(LEAST_DRIVES),
+            1.0,
+            "one drive in ten has most of what comes",
+        ),
+        (
+            "drives of like length that they are worth",
+            alike,
+            LEAST_ALIKE,
+            0.5,
+            "few drives are much longer than others",
+        ),
+    ):
+        more = max((least / drives) ** times - 1.0, 0.0) * case.driven["hour"] if drives else math.nan
+        yield ReleaseCheck(
+            name, drives, math.nan, math.nan, least, drives >= least, False, more,
+            f"our choice: with fewer, limits of rates hold too seldom where {why}",
+        )  # fmt: skip
 
 
 def verdict_of(checks: Sequence[ReleaseCheck], believed: bool, unknown: Sequence[str] = ()) -> ReleaseVerdict:

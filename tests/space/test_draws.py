@@ -23,7 +23,7 @@ from resim.space.expected import ExposedScenarios, RiskLimit, expected_accidents
 from resim.space.members import MEMBER_COLUMNS, DrivenTraces, SimulatedRun, TestDrive, judged_members
 from resim.space.model import Space
 from resim.space.risk import ClusterRisk, DrawRisk, cluster_risks
-from resim.space.statistics.rates import UNKNOWN, scatter, share
+from resim.space.statistics.rates import UNKNOWN, scatter, share, worth
 from resim.space.statistics.unseen import unseen_by_drive
 from resim.space.traces import joined
 
@@ -205,6 +205,22 @@ def test_no_scatter_falls_as_more_comes() -> None:
         more = sizes + rng.poisson(1.0, 20).astype(float)
         assert scatter(more, lengths) >= scatter(sizes, lengths) >= (sizes**2).sum()
         assert scatter(sizes, np.ones(20)) == pytest.approx((sizes**2).sum())
+
+
+@pytest.mark.parametrize("drives", [30, 100])
+@pytest.mark.parametrize("long", [0.02, 0.05])
+def test_no_upper_end_is_told_where_few_drives_have_most_of_the_time(long: float, drives: int) -> None:
+    """Three come in a drive, and few are a thousand times as long as others; what is told holds."""
+    rng, held, truth = np.random.default_rng(16), 0, 3.0 / (1.0 + 999.0 * long)
+    for _ in range(500):
+        hours = np.where(rng.random(drives) < long, 1000.0, 1.0)
+        number = np.repeat(np.arange(drives), rng.poisson(3.0, drives))
+        found, _ = Driven((hours.sum(), 1.0), drives, np.stack([hours, hours], axis=1)).rates(number)
+        assert np.isnan(found.high) == (worth(hours) < 6.0)
+        held += not found.high < truth
+    assert held >= 0.955 * 500
+    assert worth(np.array([1.0, 1.0, 1.0])) == 3.0
+    assert np.isnan([worth(np.array([])), worth(np.zeros(2)), worth(np.array([1.0, np.nan]))]).all()
 
 
 def test_lengths_of_drives_are_those_of_their_numbers() -> None:

@@ -457,6 +457,22 @@ def test_nothing_is_released_whose_rates_are_of_too_few_drives(tmp_path: Path) -
     assert not any(note.startswith("all is of") for note in report(drives[1], {}).notes)
 
 
+def test_nothing_is_released_where_few_drives_have_most_of_the_time(tmp_path: Path) -> None:
+    """One of 30 is as long as 970 others: 1000 h squared by 1000 h would be one drive."""
+    like = space_of([KINDS[0]] * 30, hours=30.0)
+    [one] = like.sources
+    lengths = {name: (970.0, 970.0) if k == 0 else told for k, (name, told) in enumerate(one.lengths.items())}
+    apart = replace(like, sources=(replace(one, lengths=lengths, hours=999.0),))
+    alike, found = (
+        decided(space, members(space, 40, 0.0), limits(1e6, least_seen=0.01, least_drives=1))
+        for space in (like, apart)
+    )
+    assert (alike.verdict, found.verdict, found.remaining.enough) == ("good", "not shown", False)
+    assert "drives of like length that they are worth: 1.06 (" in found.statement
+    assert any(note.startswith("few drives have most of the time, so") for note in report(apart, {}).notes)
+    assert not any(note.startswith("few drives") for note in report(like, {}).notes)
+
+
 def test_beside_what_happened_in_no_scenario_no_limit_is_met(seen: Space, tmp_path: Path) -> None:
     frame = members(seen, 80, 0.0)
     assert [one.met for one in decided(seen, frame, limits(0.3)).checks] == [True, True, True]

@@ -38,6 +38,9 @@ class IntervalEstimate:
 UNKNOWN = IntervalEstimate(np.nan, np.nan, np.nan)
 LEAST_DRIVES = 30
 """Drives from which on intervals of rates hold at their level also where one drive in ten has most of what comes."""
+LEAST_ALIKE = 6.0
+"""Drives of like length that drives are worth (`worth`), from which on upper ends hold also where few are a thousand
+times as long as others."""
 
 
 def poisson_limits(count: ArrayLike, confidence: float = CONFIDENCE) -> tuple[Floats, Floats]:
@@ -66,12 +69,22 @@ def rate(
     )
 
 
-def for_drives(estimate: IntervalEstimate, drives: int) -> IntervalEstimate:
-    """Give a rate as it is known of a number of drives.
+def worth(lengths: Floats) -> float:
+    """Give how many drives of like length drives of such lengths (D,) are worth, NaN where one is not known.
 
-    Of fewer than LEAST_DRIVES it has no upper end (NaN): others may have most of what comes.
+    L. Kish, Survey Sampling, 1965, of weights.
     """
-    return replace(estimate, high=np.nan) if drives < LEAST_DRIVES else estimate
+    return float(lengths.sum() ** 2 / (lengths**2).sum()) if lengths.sum() > 0.0 else np.nan
+
+
+def for_drives(estimate: IntervalEstimate, drives: int, lengths: Floats) -> IntervalEstimate:
+    """Give a rate as it is known of a number of drives, of such lengths (D,).
+
+    Of fewer than LEAST_DRIVES, or worth fewer than LEAST_ALIKE, it has no upper end (NaN): others may have most of what
+    comes.
+    """
+    enough = drives >= LEAST_DRIVES and worth(lengths) >= LEAST_ALIKE
+    return estimate if enough else replace(estimate, high=np.nan)
 
 
 def spread_of(per_occasion: Sequence[int] | np.ndarray) -> float:
