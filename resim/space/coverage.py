@@ -161,7 +161,7 @@ def curve(once: SeenScenarios) -> DiscoveryCurve:
         np.maximum.at(radius, np.searchsorted(kinds, once.kind[:k]), once.distance[:k])
         clusters.append(len(kinds))
         radii.append(float(radius[counts > 1].mean()) if (counts > 1).any() else np.nan)
-        unseen.append(float((counts == 1).sum()) / k)
+        unseen.append(unseen_by_drive(once.kind[:k], once.drive[:k]).value)
     where = [k - 1 for k in at]
     return DiscoveryCurve(
         tuple(at), tuple(once.hours[where].tolist()), tuple(once.kilometres[where].tolist()), tuple(clusters),

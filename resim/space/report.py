@@ -120,7 +120,7 @@ class DiscoveryCurve:
         kilometres: Driven [km].
         clusters: Kinds found until then.
         radius: Mean radius of the kinds with two members or more, NaN where there are none.
-        unseen: Estimated probability that the next one is new.
+        unseen: Estimated probability that the next one, of another drive, is new.
     """
 
     scenarios: tuple[int, ...]

@@ -260,7 +260,9 @@ def test_discovery_stops_where_nothing_new_comes() -> None:
     few_drives = coverage(replace(many, driven=replace(of, drives=29)))  # they may have most of what comes
     assert np.isnan(few_drives.discovery_per_hour.high)
     assert np.isnan(few_drives.discovery_per_kilometre.high)
-    alone = coverage(replace(many, drive=np.zeros(600, int))).convergence  # the next drive may have others
+    whole = coverage(replace(many, drive=np.zeros(600, int)))
+    assert set(whole.curve.unseen) == {1.0}
+    alone = whole.convergence  # the next drive may have others
     assert (alone.converged, alone.unseen.value) == (False, 1.0)
     assert alone.missing > 600
     growing = SeenScenarios(

@@ -56,8 +56,8 @@ def unseen_by_drive(kind: Ints, drive: Ints, confidence: float = CONFIDENCE) -> 
     is of one drive come at once: by their mean, weighted by size, one more elsewhere would make the upper end smaller.
     """
     kinds, which = np.unique(kind, return_inverse=True)
-    pairs = np.unique(np.stack([which, drive]), axis=1)
-    drives = np.bincount(pairs[0], minlength=len(kinds))[which]
+    span = 1 + int(drive.max(initial=0))
+    drives = np.bincount(np.unique(which * span + drive) // span, minlength=len(kinds))[which]
     alone = drive[drives == 1]
     spread = max(float(np.bincount(alone).max(initial=0)), spread_by(drive))
     return _interval(float(len(alone)), float((drives == 2).sum()), float(len(kind)), spread, confidence)
