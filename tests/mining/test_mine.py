@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 import shutil
 import subprocess
@@ -155,6 +157,10 @@ def test_bad_recordings_are_told_of_and_the_others_are_mined(tmp_path: Path, dri
     page = (tmp_path / "out" / "mined.html").read_text("utf-8")
     assert "not mined" in page
     assert "drive+a+1" in page
+    told = (tmp_path / "out" / "pages" / "drive.html").read_text("utf-8").partition('<div id="time"')[2]
+    drawn = json.loads(gzip.decompress(base64.b64decode(told.partition('gzip">')[2].partition("<")[0])))
+    own = found.maneuvers[found.maneuvers["recording"] == "drive"]
+    assert drawn["layout"]["yaxis"]["ticktext"] == sorted(own["label"].unique())  # every label, over time
     with pytest.raises(InputError, match="no recording could be mined"):
         mine([broken], tmp_path / "none")
 
