@@ -320,6 +320,14 @@ def test_peaks_of_a_measure_are_found_also_at_its_ends() -> None:
     assert peaks(np.array([none, none])).tolist() == []
 
 
+def test_quiet_tells_only_of_recordings_that_are_not_mined(tmp_path: Path, drive: Path, call: Call) -> None:
+    words = "mine", drive, "--out", tmp_path / "out", "--scenarios", "rows", "--quiet"
+    assert call(*words) == (0, "", "")
+    code, said, error = call(*words[:2], tmp_path / "missing", *words[2:])
+    assert (code, said) == (0, "")
+    assert error.startswith("missing: not mined: ")
+
+
 def test_an_unknown_measure_or_label_is_refused_once_before_any_recording_is_read(
     tmp_path: Path, drive: Path
 ) -> None:
