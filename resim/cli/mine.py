@@ -11,7 +11,7 @@ import typer
 
 from resim.cli.app import Accept, Labels, Workers, app, command
 from resim.cli.runs import register
-from resim.cli.terminal import add_to_json, say
+from resim.cli.terminal import add_to_json, output_settings, say
 from resim.core.errors import InputError
 from resim.core.spelling import counted, unknown
 
@@ -122,6 +122,8 @@ def _tell(told: MinedPart | MinedFailure) -> None:
     from resim.mining.study import MinedPart
 
     if isinstance(told, MinedPart):
+        if output_settings().quiet:
+            return
         count = sum(told.labels.values())
         found = f"{counted(count, 'maneuver')}, {counted(told.scenarios, 'scenario')}"
         say(f"{told.recording}: {found}", err=True)

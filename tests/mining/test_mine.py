@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 import shutil
 import subprocess
@@ -155,6 +157,10 @@ def test_bad_recordings_are_told_of_and_the_others_are_mined(tmp_path: Path, dri
     page = (tmp_path / "out" / "mined.html").read_text("utf-8")
     assert "not mined" in page
     assert "drive+a+1" in page
+    told = (tmp_path / "out" / "pages" / "drive.html").read_text("utf-8").partition('<div id="time"')[2]
+    drawn = json.loads(gzip.decompress(base64.b64decode(told.partition('gzip">')[2].partition("<")[0])))
+    own = found.maneuvers[found.maneuvers["recording"] == "drive"]
+    assert drawn["layout"]["yaxis"]["ticktext"] == sorted(own["label"].unique())  # every label, over time
     with pytest.raises(InputError, match="no recording could be mined"):
         mine([broken], tmp_path / "none")
 
@@ -312,6 +318,14 @@ def test_peaks_of_a_measure_are_found_also_at_its_ends() -> None:
     none = -np.inf
     assert peaks(np.array([3.0, 1.0, none, 2.0, 2.0, 2.0, 0.0, 5.0])).tolist() == [0, 4, 7]
     assert peaks(np.array([none, none])).tolist() == []
+
+
+def test_quiet_tells_only_of_recordings_that_are_not_mined(tmp_path: Path, drive: Path, call: Call) -> None:
+    words = "mine", drive, "--out", tmp_path / "out", "--scenarios", "rows", "--quiet"
+    assert call(*words) == (0, "", "")
+    code, said, error = call(*words[:2], tmp_path / "missing", *words[2:])
+    assert (code, said) == (0, "")
+    assert error.startswith("missing: not mined: ")
 
 
 def test_an_unknown_measure_or_label_is_refused_once_before_any_recording_is_read(
