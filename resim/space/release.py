@@ -50,7 +50,8 @@ def decide(
     terms = {per: case.accidents(per) for per in case.driven}
     checks = release_checks(case, terms)
     verdict = verdict_of(checks, case.believed, case.unknown)
-    forbidding, remaining = _odd(space, case, verdict, seen=checks[0].met and checks[-1].met)
+    seen = all(one.met for one in checks if not one.name.startswith("accidents"))
+    forbidding, remaining = _odd(space, case, verdict, seen=seen)
     return ReleaseReport(
         versions(), {}, hashes["space"], hashes["cover"], hashes["limits"], limits,
         "" if cover is None else cover.label, "" if cover is None else cover.build,
@@ -162,7 +163,7 @@ def _odd(
 ) -> tuple[tuple[ForbiddingCluster, ...], RemainingDomain]:
     """The clusters that forbid the release, those with most accidents first, and what is left without them.
 
-    seen: whether enough of the kinds were seen, in enough drives.
+    seen: whether enough of the kinds were seen, in enough drives of like length.
     """
     risk = case.risk
     count = np.bincount(case.exposed.kind, minlength=case.exposed.clusters)
@@ -235,7 +236,7 @@ def _statement(case: ReleaseCase, verdict: ReleaseVerdict, checks: Sequence[Rele
         calibrated = "" if case.believed else "predicted risk is not calibrated against held-out drives"
         why = "; ".join(part for part in (told, calibrated, *case.unknown) if part)
         return f"The function may not be released: {why}."
-    seen, *accidents, _ = checks
+    seen, *accidents, _, _ = checks
     numbers = ", ".join(f"at most {one.high:.3g} {one.name} (limit {one.limit:.3g})" for one in accidents)
     return (
         f"{SENTENCE} With {100.0 * case.limits.confidence:g} % confidence: {len(case.names)} kinds of scenarios, of "
@@ -258,7 +259,7 @@ def _found(one: ReleaseCheck) -> str:
     missing = f" ({one.missing_hours:.3g} h more are needed at least)" if one.missing_hours > 0.0 else ""
     if one.name.startswith("accidents"):
         return (f"at most {one.high:.3g}" if np.isfinite(one.high) else "not known") + missing
-    return (f"{one.value:g}" if math.isnan(one.low) else f"at least {one.low:.3g}") + missing
+    return (f"{one.value:.4g}" if math.isnan(one.low) else f"at least {one.low:.3g}") + missing
 
 
 def _how(space: Space, cover: CoverReport | None) -> str:
