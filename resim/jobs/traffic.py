@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -121,15 +121,16 @@ def make_traffic(
             write_highd(found.window.tracks if found else window.tracks, folder / "highd", number, RATE)
         made += 1
         yield one
-    if not made and left_out:
-        why = next(iter(left_out.values()))
-        raise InputError(
-            path,
-            f"all {len(left_out)} vehicles were left out, the first because {why}",
-            "See `resim map check`.",
-        )
     if not made:
-        raise InputError(file, "no vehicle came in this time", "Raise per_lane, or ask for more hours.")
+        raise _nothing_made(file, path, left_out)
+
+
+def _nothing_made(settings: Path, road: Path, left_out: Mapping[str, str]) -> InputError:
+    """Why there is no recording. left_out: the reason of each vehicle."""
+    for why in left_out.values():
+        told = f"all {len(left_out)} vehicles were left out, the first because {why}"
+        return InputError(road, told, "See `resim map check`.")
+    return InputError(settings, "no vehicle came in this time", "Raise per_lane, or ask for more hours.")
 
 
 def _new_folder(folder: Path, hours: float) -> Path:
