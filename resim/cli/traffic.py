@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from resim.cli.app import app, command
+from resim.cli.app import Accept, app, command
 from resim.cli.inputs import A_MAP
 from resim.cli.terminal import add_to_json, say
 from resim.core.spelling import counted
@@ -48,6 +48,7 @@ def traffic(
             show_default=False,
         ),
     ] = None,
+    accept: Accept = None,
 ) -> None:
     """Make naturalistic recordings of SUMO's traffic on a map, with the truth of every lane change and turn.
 
@@ -58,8 +59,9 @@ def traffic(
 
     made = []
     for one in make_traffic(
-        road, out, hours=hours, settings=settings, seed=seed, highd=highd, build=build, perception=perception
-    ):
+        road, out, hours=hours, settings=settings, seed=seed, highd=highd, build=build, perception=perception,
+        accept=accept or [],
+    ):  # fmt: skip
         made.append(one)
         _tell(one)
     km, changes = sum(one.kilometres for one in made), sum(_changes(one) for one in made)

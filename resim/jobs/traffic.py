@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,8 +15,11 @@ from resim.jobs.driven_traffic import EgoWindow, TrafficEgo, read_ego, with_ego
 from resim.jobs.generate import TRUTH
 from resim.jobs.given import path_of
 from resim.recordings import Recording, write_recording
+from resim.recordings.checked import check_codes
 from resim.recordings.formats.highd_writer import write_highd
 from resim.results import whole_file
+from resim.road.checked import refuse_flaws
+from resim.road.flaws import flaws
 from resim.road.opendrive import load
 from resim.road.sumo.netconvert import sumo_version
 from resim.scenario.generation.truth import truth_table
@@ -74,6 +77,7 @@ def make_traffic(
     highd: bool = False,
     build: str | Path | None = None,
     perception: str | Path | None = None,
+    accept: Collection[str] = (),
 ) -> Iterator[TrafficRecording]:
     """Make recordings of SUMO's traffic on a map, each with its table of truth beside it (`truth.csv`).
 
@@ -92,21 +96,18 @@ def make_traffic(
         The recordings, each as soon as it is written. With a build or a model each lasts as long as its EGO is there.
 
     Raises:
-        InputError: The settings, the build or the model are wrong, the map cannot be entered, or the folder is there
-            already.
+        InputError: The settings, the build or the model are wrong, the map has errors that are not accepted or cannot
+            be entered, or the folder is there already.
         ConversionError: The map cannot be converted.
         ResimError: SUMO fails.
     """
+    check_codes(accept)
     path, folder = path_of(road), _new_folder(path_of(out), hours)
     file = path_of(settings) if settings is not None else shipped_traffic()
     told, network = read_naturalistic(file), load(path)
-    provenance: dict[str, str] = {
-        "source": f"resim traffic, seed {seed}, SUMO {sumo_version()}",
-        "settings": f"{file.name}, SHA-256 {file_hash(file)}",
-        "map": f"{path.name}, SHA-256 {file_hash(path)}",
-    }
+    refuse_flaws(network, flaws(network), accept)
     ego = read_ego(file, told.ego, *(None if one is None else path_of(one) for one in (build, perception)))
-    provenance |= {} if ego is None else ego.provenance()
+    provenance = _provenance(seed, file, path) | ({} if ego is None else ego.provenance())
     made, left_out = 0, dict[str, str]()
     for number, window in enumerate(
         traffic_windows(network, told, duration=3600.0 * hours, rate=RATE, seed=seed)
@@ -123,6 +124,14 @@ def make_traffic(
         yield one
     if not made:
         raise _nothing_made(file, path, left_out)
+
+
+def _provenance(seed: int, settings: Path, road: Path) -> dict[str, str]:
+    return {
+        "source": f"resim traffic, seed {seed}, SUMO {sumo_version()}",
+        "settings": f"{settings.name}, SHA-256 {file_hash(settings)}",
+        "map": f"{road.name}, SHA-256 {file_hash(road)}",
+    }
 
 
 def _nothing_made(settings: Path, road: Path, left_out: Mapping[str, str]) -> InputError:

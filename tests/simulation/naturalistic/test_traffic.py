@@ -182,6 +182,19 @@ def test_a_map_on_which_everybody_leaps_is_blamed(tmp_path: Path) -> None:
         list(make_traffic(road, tmp_path / "out", hours=0.005, settings=short(tmp_path, "motorway"), seed=3))
 
 
+def test_a_map_with_errors_is_refused_unless_they_are_accepted(tmp_path: Path) -> None:
+    road = write_bent(tmp_path / "gap.xodr", [0.0, 0.0], 300.0, 2)
+    road.write_text(road.read_text(encoding="utf-8").replace('x="300.0"', 'x="303.0"'), encoding="utf-8")
+    asked = {"hours": 30.0 / 3600.0, "settings": short(tmp_path, "motorway"), "seed": 3}
+    with pytest.raises(InputError, match=r"LINE_GAP: .* jumps by 3.000 m.*--accept LINE_GAP"):
+        list(make_traffic(road, tmp_path / "out", **asked))
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="LINE_GAPS"):
+        list(make_traffic(road, tmp_path / "out", accept=["LINE_GAPS"], **asked))
+    [made] = make_traffic(road, tmp_path / "out", accept=["LINE_GAP"], **asked)
+    assert any("the map makes it leap by 3.00 m" in why for _, why in made.left_out)
+
+
 def test_demand_is_what_the_settings_say() -> None:
     network = load(MAPS["motorway"])
     edges = read_edges(sumo_net(network).path)
