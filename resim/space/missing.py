@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from resim.space.expected import ExposedScenarios
@@ -13,21 +15,24 @@ MOST = 1e12
 
 
 def hours_for_kinds(seen: ExposedScenarios, unseen: float, confidence: float, hours: float) -> float:
-    """Give how many hours more bring the upper end of the unseen share down to a limit, at least: if nothing new comes.
+    """Give how many hours more bring the upper end of the unseen share down to a limit, at least: if nothing new comes,
+    and each scenario in a drive of its own.
 
     seen: all that was seen; unseen: the limit; confidence: one-sided; hours: driven so far. NaN where nothing was
     driven.
     """
-    counts = seen.counts()
-    count, level = float(counts.sum()), 2.0 * confidence - 1.0
+    _, first = np.unique(np.stack([seen.kind, seen.occasion]), axis=1, return_index=True)
+    sizes = np.unique(seen.drive[first], return_counts=True)[1].astype(float)
+    count, squares = float(sizes.sum()), float((sizes**2).sum())
     if not hours > 0.0 or not count:
         return np.nan
-    if unseen_share(counts[counts > 0], confidence=level).high <= unseen:
-        return 0.0
-    needed = (
-        unseen_share(np.array([MOST]), confidence=level).high * MOST / unseen
-    )  # the upper end is so much by count
-    return max(needed / count - 1.0, 0.0) * hours
+
+    def met(times: float) -> bool:
+        more = (times - 1.0) * count
+        spread = (squares + more) / (count + more)
+        return unseen_share(np.array([count + more]), spread, 2.0 * confidence - 1.0).high <= unseen
+
+    return (_least(met) - 1.0) * hours
 
 
 def hours_for_accidents(
@@ -42,18 +47,23 @@ def hours_for_accidents(
     if not driven > 0.0 or not hours > 0.0:
         return np.nan
 
-    def least(times: float) -> float:
+    def met(times: float) -> bool:
         rate = float(poisson_limits(count * times, 1.0 - alpha)[1]) / (driven * times)
-        return rate * unseen_share(np.array([count * times]), 1.0, 1.0 - alpha).high
+        return rate * unseen_share(np.array([count * times]), 1.0, 1.0 - alpha).high <= accidents
 
-    if least(1.0) <= accidents:
-        return 0.0
+    return (_least(met) - 1.0) * hours
+
+
+def _least(met: Callable[[float], bool]) -> float:
+    """The least number of times, from 1 on, by which something is met; NaN above MOST."""
+    if met(1.0):
+        return 1.0
     low, high = 1.0, 2.0
-    while least(high) > accidents:
+    while not met(high):
         low, high = high, 2.0 * high
         if high > MOST:
             return np.nan
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if least(middle) > accidents else (low, middle)
-    return (low - 1.0) * hours
+        low, high = (low, middle) if met(middle) else (middle, high)
+    return low

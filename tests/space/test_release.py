@@ -33,6 +33,7 @@ from resim.space.release_report import ReleaseReport
 from resim.space.risk import CoverReport, cluster_risks
 from resim.space.settings import DEFAULT_SETTINGS, SpaceSettings
 from resim.space.sources import UNKNOWN_BUILD
+from resim.space.statistics.unseen import unseen_by_drive
 from resim.space.traces import joined
 
 SHIPPED = Path(__file__).parents[2] / "scenarios" / "criteria" / "release.toml"
@@ -177,6 +178,22 @@ def test_the_hours_that_are_missing_are_those_in_which_nothing_new_comes(per_hou
     assert hours_for_accidents(few, 1e6, alpha, hours, hours) == 0.0
     assert np.isnan(hours_for_accidents(few, per_hour, alpha, np.nan, np.nan))
     assert hours_for_kinds(few, 0.05, 0.95, hours) > hours_for_kinds(few, 0.5, 0.95, hours) > 0.0
+
+
+@pytest.mark.parametrize(("drives", "size"), [(60, 1), (3, 20), (10, 6)])
+def test_hours_for_kinds_are_those_after_which_short_drives_without_new_kinds_have_shown_them(
+    drives: int, size: int
+) -> None:
+    drive = np.repeat(np.arange(drives), size)
+    seen = ExposedScenarios(drive * 0, np.arange(60), drive, 1)
+    missing = hours_for_kinds(seen, 0.05, 0.95, 10.0)
+
+    def high(hours: float) -> float:
+        more = drives + np.arange(round(60 * hours / 10.0))
+        number = np.r_[drive, more]
+        return unseen_by_drive(number * 0, number, 0.9).high
+
+    assert high(missing + 0.2) <= 0.05 < high(missing - 0.2)
 
 
 def test_the_tutorial_says_how_many_hours_the_limit_that_ships_needs() -> None:
