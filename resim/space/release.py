@@ -111,7 +111,7 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
 def _drives_checks(case: ReleaseCase) -> Iterator[ReleaseCheck]:
     """Whether limits of rates can be believed, even if few drives have most of what comes, or most of the time."""
     counted = float(len(np.unique(case.exposed.drive)))
-    alike = min(worth(one) for one in case.lengths.values())
+    alike = float(np.min([worth(one) for one in case.lengths.values()]))  # NaN where one is
     for name, drives, least, times, why in (
         (
             "drives in which scenarios come",

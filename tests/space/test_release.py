@@ -486,6 +486,10 @@ def test_nothing_is_released_where_few_drives_have_most_of_the_time(tmp_path: Pa
     )
     assert (alike.verdict, found.verdict, found.remaining.enough) == ("good", "not shown", False)
     assert "drives of like length that they are worth: 1.061 (" in found.statement
+    unknown = {name: (hours, np.nan) for name, (hours, _) in one.lengths.items()}
+    lost = replace(like, sources=(replace(one, lengths=unknown),))
+    checks = decided(lost, members(lost, 40, 0.0), limits(1e6, least_seen=0.01, least_drives=1)).checks
+    assert (checks[-1].met, bool(np.isnan(checks[-1].value))) == (False, True)
     assert any(note.startswith("few drives have most of the time, so") for note in report(apart, {}).notes)
     assert not any(note.startswith("few drives") for note in report(like, {}).notes)
 
