@@ -91,6 +91,7 @@ def make_traffic(
         build: Build file of an AD function that drives one vehicle of each recording, in closed loop; that of the
             settings, if None.
         perception: Perception model (JSON) by which that vehicle senses the others; that of the settings, if None.
+        accept: Codes of errors in the map to continue despite.
 
     Returns:
         The recordings, each as soon as it is written. With a build or a model each lasts as long as its EGO is there.

@@ -187,7 +187,7 @@ def test_the_rate_of_new_kinds_holds_where_long_drives_bring_no_more(lengths: st
     """Six come in a drive, however long it is, each of a kind of its own."""
     drawn_hours, mean = LONG[lengths]
     rng, held, truth = np.random.default_rng(13), 0, 6.0 / mean
-    for _ in range(500):
+    for _ in range(150):
         hours = drawn_hours(rng, drives)
         number = np.repeat(np.arange(drives), rng.poisson(6.0, drives))
         until, nothing = np.cumsum(hours)[number], np.zeros(len(number))
@@ -195,7 +195,7 @@ def test_the_rate_of_new_kinds_holds_where_long_drives_bring_no_more(lengths: st
         kind = np.arange(len(number))
         found = coverage(SeenScenarios(kind, kind, nothing, until, until, driven, number)).discovery_per_hour
         held += found.low <= truth <= found.high
-    assert held >= 0.93 * 500
+    assert held >= 0.93 * 150
 
 
 def test_no_scatter_falls_as_more_comes() -> None:
