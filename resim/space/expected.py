@@ -54,6 +54,10 @@ class ExposedScenarios:
         keep = ~np.isin(self.kind, np.asarray(left_out, dtype=np.intp))
         return replace(self, kind=self.kind[keep], occasion=self.occasion[keep], drive=self.drive[keep])
 
+    def once(self) -> Ints:
+        """Give the row (K,) of the first of each kind and occasion."""
+        return np.unique(np.stack([self.kind, self.occasion]), axis=1, return_index=True)[1]
+
     def counts(self) -> Ints:
         """Give how many occasions (C,) each cluster has."""
         pairs = np.unique(np.stack([self.kind, self.occasion]), axis=1)[0]
@@ -148,7 +152,7 @@ def unseen_rate(exposed: ExposedScenarios, driven: float, alpha: float) -> float
 
 def unseen_of(exposed: ExposedScenarios, confidence: float) -> IntervalEstimate:
     """Give the probability that the next scenario is of a kind not seen, from the first of each kind and occasion."""
-    _, first = np.unique(np.stack([exposed.kind, exposed.occasion]), axis=1, return_index=True)
+    first = exposed.once()
     return unseen_by_drive(exposed.kind[first], exposed.drive[first], confidence)
 
 

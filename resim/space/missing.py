@@ -21,8 +21,7 @@ def hours_for_kinds(seen: ExposedScenarios, unseen: float, confidence: float, ho
     seen: all that was seen; unseen: the limit; confidence: one-sided; hours: driven so far. NaN where nothing was
     driven.
     """
-    _, first = np.unique(np.stack([seen.kind, seen.occasion]), axis=1, return_index=True)
-    sizes = np.unique(seen.drive[first], return_counts=True)[1].astype(float)
+    sizes = np.unique(seen.drive[seen.once()], return_counts=True)[1].astype(float)
     count, squares = float(sizes.sum()), float((sizes**2).sum())
     if not hours > 0.0 or not count:
         return np.nan
