@@ -10,9 +10,13 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.errors import ResimError
+from resim.core.objects import GAP
+from resim.core.tracks import Tracks
 from resim.mining.cutting import CutSource, cut, write_cut, write_described
 from resim.mining.extraction import ExtractedScenario
 from resim.mining.slots import map_folder
@@ -66,18 +70,22 @@ def write_scenarios(
             rows.append(("", "", str(e)))
         else:
             file = f"maps/{road.parent.name}/{name}{ENDING}" if fit else ""
-            rows.append((f"recordings/{name}", file, _partial(one)))
+            rows.append((f"recordings/{name}", file, _note(source.recording.gt, one)))
     columns = dict(zip(FILES, zip(*rows, strict=True) if rows else ((), (), ()), strict=True))
     return frame.assign(**{name: list(values) for name, values in columns.items()}).astype(
         dict.fromkeys(FILES, "string")
     )
 
 
-def _partial(one: ExtractedScenario) -> str:
+def _note(gt: Tracks, one: ExtractedScenario) -> str:
     """What is to be said of a window in which the EGO is not all the time."""
-    if (one.start, one.end) == (one.ego_start, one.ego_end):
-        return ""
-    return "the window is longer than the EGO's life: the recording is the part with the EGO"
+    notes = []
+    if (one.start, one.end) != (one.ego_start, one.ego_end):
+        notes.append("the window is longer than the EGO's life: the recording is the part with the EGO")
+    own = slice(one.ego_start, one.ego_end + 1)
+    if (widest := float(np.diff(gt.t[own][gt.valid[one.ego, own]]).max())) > GAP + TICK:
+        notes.append(f"the EGO has no sample for {widest:.2f} s: it runs with --accept GAP alone")
+    return "; ".join(notes)
 
 
 def fit_tasks(frame: pd.DataFrame, out: Path) -> list[FitTask]:

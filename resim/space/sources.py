@@ -279,10 +279,10 @@ def _occasions(frame: pd.DataFrame, maneuvers: pd.DataFrame, trigger: list[str])
     """
     wanted = maneuvers[maneuvers["label"].isin(trigger)].reset_index(drop=True)
     pairs = []
-    members = [set(str(names).split()) for names in frame["members"]]
+    members = [f" {names} " for names in frame["members"]]  # a name may have spaces of its own
     objects = wanted["object"].astype(str).to_numpy()
     for row, own in _within(frame, wanted):
-        pairs += [(row, k) for k in own.index.tolist() if objects[k] in members[row]]
+        pairs += [(row, k) for k in own.index.tolist() if f" {objects[k]} " in members[row]]
     n, m = len(frame), len(wanted)
     if not n:
         return np.zeros(0, dtype=np.intp)

@@ -13,6 +13,7 @@ from mining.planted import Drive, path_of, smooth, steady, tracks_of, write_moto
 from resim.core.errors import InputError
 from resim.core.tracks import Tracks
 from resim.jobs.augment import augment
+from resim.jobs.check import check
 from resim.jobs.mine import MineOptions, mine
 from resim.mining.around import AroundOptions
 from resim.recordings import Recording, read_recording, read_tables, write_recording
@@ -76,6 +77,19 @@ def test_a_size_that_one_row_gives_is_told_of_the_part_too(drive: Path, tmp_path
     found = mine([drive], out, MineOptions(fit=False, accept=("OVERLAP", "SIZE_CHANGES")))
     rows = pd.read_csv(out / found.scenarios["folder"].iloc[0] / "gt.csv", dtype={"id": str})
     assert rows.loc[rows["id"] == "b", "length"].max() == 9.0
+
+
+def test_a_gap_of_the_ego_is_told_beside_the_scenario(drive: Path, tmp_path: Path) -> None:
+    table = pd.read_csv(drive / "gt.csv", dtype={"id": str})
+    table[(table["id"] != "a") | (table["t"] < 3.99) | (table["t"] > 5.51)].to_csv(
+        drive / "gt.csv", index=False
+    )
+    out = tmp_path / "out"
+    rows = mine([drive], out, MineOptions(fit=False, accept=("OVERLAP", "GAP"))).scenarios
+    assert any("no sample for 1.56 s: it runs with --accept GAP alone" in note for note in rows["note"])
+    for folder, note in zip(rows["folder"], rows["note"], strict=True):
+        codes = {f.code for f in check(out / folder).findings if f.severity == "error"}
+        assert ("--accept GAP" in note) is ("GAP" in codes)
 
 
 def test_nobody_varies_who_cannot_be_placed(drive: Path, tmp_path: Path) -> None:

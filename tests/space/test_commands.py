@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
 
@@ -22,7 +24,7 @@ from resim.jobs import space as job
 from resim.jobs.export import export_rocrate
 from resim.jobs.mine import MineOptions, mine
 from resim.jobs.schemas import schema_of
-from resim.recordings import Recording, write_recording
+from resim.recordings import Recording, read_recording, write_recording
 from resim.recordings.tables import read_parquet
 from resim.results import write_json, write_parquet
 from resim.space.folder import read_space
@@ -173,6 +175,26 @@ def test_several_egos_of_one_lane_change_are_one_occasion(mined: list[Path]) -> 
     hours = source.rows["hours"].to_numpy()
     assert (hours >= 0.0).all()
     assert hours.max() <= source.recordings[0].hours
+
+
+def test_occasions_are_the_same_where_names_have_spaces(mined: list[Path], tmp_path: Path) -> None:
+    whole = read_recording(mined[0].parent / "r1")
+    names = np.array([f"car no {name}" for name in whole.gt.ids.tolist()])
+    write_recording(
+        replace(whole, ego=f"car no {whole.ego}", gt=replace(whole.gt, ids=names)), tmp_path / "r1"
+    )
+    mine([tmp_path / "r1"], tmp_path / "mined", MineOptions(write=False, accept=("OVERLAP",)))
+    told = [
+        {f"{ego.removeprefix('car no ')} {start:.3f}": number for ego, start, number in columns}
+        for columns in (
+            zip(*(job.read_mined(f).rows[c] for c in ("ego", "start", "occasion")), strict=True)
+            for f in (mined[0], tmp_path / "mined")
+        )
+    ]
+    pairs = sorted(set(told[0]))
+    assert pairs == sorted(told[1])
+    for a, b in itertools.combinations(pairs, 2):
+        assert (told[0][a] == told[0][b]) is (told[1][a] == told[1][b])
 
 
 def test_own_egos_alone(tmp_path: Path, mined: list[Path]) -> None:

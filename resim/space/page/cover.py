@@ -67,7 +67,7 @@ def _clusters(told: SpaceReport, found: CoverReport) -> Markup:
         "an hour (95 %)",
         "a kilometre (95 %)",
         "risk a scenario (95 %)",
-        "driven, collided",
+        "driven, collided or not known",
         "simulated, collided",
         "in drives",
         "not simulated",
