@@ -124,7 +124,7 @@ def _is_at(value: AskedValue) -> bool:
 def content_of(path: Path) -> str:
     """Give the SHA-256 of what a command is given, as the lake has it: a recording, results, or a file.
 
-    Raises InputError or OSError for what cannot be read.
+    Of a recording that cannot be read it is that of its settings. Raises InputError or OSError for what cannot be read.
     """
     from resim.metrics.criteria import freeze_criteria
     from resim.recordings.content import content_hash
@@ -133,7 +133,10 @@ def content_of(path: Path) -> str:
     from resim.simulation.function.interface import freeze_build
 
     if (path / SETTINGS).is_file():
-        return content_hash(path)
+        try:
+            return content_hash(path)
+        except InputError:  # the command went on without it, and would again
+            return file_hash(path / SETTINGS)
     if path.is_dir():
         return digest(path, kind_of(path))
     freeze = {"build": freeze_build, "criteria": freeze_criteria}.get(input_kind(path) or "")

@@ -88,6 +88,15 @@ def test_an_assessment_mining_and_a_space_are_made_again(tmp_path: Path, made: P
     assert told[1:3] == ["space", "build"]
 
 
+def test_mining_with_a_recording_that_cannot_be_read_is_made_again(tmp_path: Path) -> None:
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "recording.toml").write_text("name = ")
+    told = repeated(tmp_path, "mine", DRIVE, tmp_path / "broken", "--scenarios", "rows")
+    assert told[1:] == ["mine", str(DRIVE), str(tmp_path / "broken"), "--scenarios", "rows"]
+    (tmp_path / "broken" / "recording.toml").write_text("name = 1")
+    assert command(tmp_path / "one") == []
+
+
 def test_a_verification_is_made_again(tmp_path: Path) -> None:
     suite = tmp_path / "one.toml"
     suite.write_text(
