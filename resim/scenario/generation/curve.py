@@ -15,12 +15,14 @@ from scipy.interpolate import CubicSpline
 
 from resim.core.errors import ResimError
 from resim.core.geometry import Floats
+from resim.core.intervals import Ints
 
 NODE = 2.0
 """Most of the parameter between two nodes of the table of the way."""
 FEWEST = 4
 """Points that a route by points has at least: a cubic needs four (Kaefer 2022, Section 4.4)."""
 _GAUSS = np.polynomial.legendre.leggauss(8)
+_AND_END = np.append(_GAUSS[0], 1.0)
 _EXACT = 1e-10
 _STEPS = 40
 _HAIR = 1e-9
@@ -53,7 +55,7 @@ class RouteCurve:
 
     def at(self, way: Floats) -> Floats:
         """Give x, y [m], heading [rad, not wrapped] and curvature [1/m] (4, K) at ways (K,) [m], within its length."""
-        x, y, dx, dy, ddx, ddy = self._derivatives(self.parameter(way))
+        x, y, dx, dy, ddx, ddy = self.derivatives(self.parameter(way))
         speed = np.hypot(dx, dy)
         heading = np.unwrap(np.arctan2(dy, dx)) if len(way) else np.zeros(0)
         return np.stack([x, y, heading, (dx * ddy - dy * ddx) / speed**3])
@@ -65,17 +67,21 @@ class RouteCurve:
         low, high = q[row], q[row + 1]
         share = (way - known[row]) / np.maximum(known[row + 1] - known[row], _HAIR)
         at = low + np.clip(share, 0.0, 1.0) * (high - low)
+        left = np.arange(len(at))
         for _ in range(_STEPS):
-            off = known[row] + self._integral(low, at) - way
-            if np.abs(off).max(initial=0.0) < _EXACT:
+            more, speed = self._integral(low[left], at[left])
+            off = known[row[left]] + more - way[left]
+            far = np.abs(off) >= _EXACT
+            left, off, speed = left[far], off[far], speed[far]
+            if not len(left):
                 break
-            at = np.clip(at - off / np.maximum(self._speed(at), _HAIR), low, high)
+            at[left] = np.clip(at[left] - off / np.maximum(speed, _HAIR), low[left], high[left])
         return at
 
     def way(self, q: float) -> float:
         """Give the way [m] at a parameter, counted over all pieces."""
         row = int(np.clip(np.searchsorted(self._nodes, q, side="right") - 1, 0, len(self._nodes) - 2))
-        more = self._integral(self._nodes[row : row + 1], np.array([q]))
+        more, _ = self._integral(self._nodes[row : row + 1], np.array([q]))
         return float(self._ways[row] + more[0])
 
     @cached_property
@@ -89,41 +95,39 @@ class RouteCurve:
         steps = [steps for _, steps in map(_way_table, self.pieces)]
         return np.concatenate([[0.0], np.cumsum(np.concatenate(steps))])
 
-    def _integral(self, low: Floats, high: Floats) -> Floats:
-        """The way (K,) [m] between two parameters (K,) of one piece."""
-        return _gauss(self._speed, low, high)
-
-    def _speed(self, q: Floats) -> Floats:
-        _, _, dx, dy, _, _ = self._derivatives(q)
-        return np.asarray(np.hypot(dx, dy))
-
-    def _derivatives(self, q: Floats) -> Floats:
+    def derivatives(self, q: Floats) -> Floats:
+        """Give x, y and their first and second derivatives (6, K) at parameters q (K,), counted over all pieces."""
+        own, inside = self.inside(q)
         out = np.empty((6, len(q)))
-        own = np.clip(np.searchsorted(self._q0, q, side="right") - 1, 0, len(self.pieces) - 1)
         for k in np.unique(own).tolist():
             rows = own == k
-            out[:, rows] = self.pieces[k].at(q[rows] - self._q0[k])
+            out[:, rows] = self.pieces[k].at(inside[rows])
         return out
 
+    def inside(self, q: Floats) -> tuple[Ints, Floats]:
+        """Give the numbers (K,) of the pieces of parameters q (K,), and the parameters in them."""
+        own = np.clip(np.searchsorted(self._q0, q, side="right") - 1, 0, len(self.pieces) - 1)
+        return own, q - self._q0[own]
 
-def _gauss(speed: Callable[[Floats], Floats], low: Floats, high: Floats) -> Floats:
-    """The integrals (K,) of a speed between parameters (K,), by Gauss's rule with eight points."""
-    x, weight = _GAUSS
+    def _integral(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """The way (K,) [m] between two parameters (K,) of one piece, and the speed at the second."""
+        return _gauss(self.derivatives, low, high)
+
+
+def _gauss(derivatives: Callable[[Floats], Floats], low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """The ways (K,) between parameters (K,), by Gauss's rule with eight points, and the speeds (K,) at `high`."""
     half = 0.5 * (high - low)
-    at = (low + half)[:, None] + half[:, None] * x
-    return np.asarray(half * (speed(at.ravel()).reshape(at.shape) * weight).sum(axis=1))
+    at = (low + half)[:, None] + half[:, None] * _AND_END
+    _, _, dx, dy, _, _ = derivatives(at.ravel())
+    speed = np.hypot(dx, dy).reshape(at.shape)
+    return half * (speed[:, :-1] * _GAUSS[1]).sum(axis=1), speed[:, -1]
 
 
 @lru_cache(maxsize=20_000)
 def _way_table(piece: CurvePiece) -> tuple[Floats, Floats]:
     """Parameters of nodes (K,) of a piece, and the ways between them (K - 1,) [m]; kept, as lanes are shared."""
     nodes = np.linspace(0.0, piece.length, max(int(np.ceil(piece.length / NODE)), 1) + 1)
-
-    def speed(q: Floats) -> Floats:
-        _, _, dx, dy, _, _ = piece.at(q)
-        return np.asarray(np.hypot(dx, dy))
-
-    return nodes, _gauss(speed, nodes[:-1], nodes[1:])
+    return nodes, _gauss(piece.at, nodes[:-1], nodes[1:])[0]
 
 
 class SplinePiece:

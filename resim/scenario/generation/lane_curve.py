@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from resim.core.errors import ResimError
@@ -64,19 +66,7 @@ class LanePiece:
 
     def at(self, q: Floats) -> Floats:
         """Give x, y and their first and second derivatives (6, K) at q (K,) [m] along the reference line."""
-        sign = 1.0 if self.up else -1.0
-        s = self.s + sign * np.clip(q, 0.0, self.length)
-        turned = np.array([1.0, 1.0, sign, sign, 1.0, 1.0])[:, None]
-        one = turned * self.network.lane_curve(self.road, self.lane, s, self.offset)
-        if not self.extent:
-            return one
-        two = turned * self.network.lane_curve(self.road, self.to_lane, s, self.to_offset)
-        f, df, ddf = smooth_step((q - self.begun) / self.extent)
-        df, ddf, off = df / self.extent, ddf / self.extent**2, two - one
-        out = one + f * off
-        out[2:4] += df * off[0:2]
-        out[4:6] += 2.0 * df * off[2:4] + ddf * off[0:2]
-        return out
+        return _derivatives(self.network, _table([self]), q)
 
     def beyond(self, q: float) -> float:
         """Give how far [m] the place at q is beyond the border of the lane that it comes from."""
@@ -84,6 +74,55 @@ class LanePiece:
         x, y, *_ = self.at(np.array([q]))[:, 0]
         ax, ay, *_ = self.network.lane_curve(self.road, self.lane, s, 0.0)
         return float(np.hypot(x - ax, y - ay) - 0.5 * self.network.lane_width(self.road, self.lane, s))
+
+
+def _table(pieces: Sequence[LanePiece]) -> NDArray[np.void]:
+    """Pieces (N,) as rows, up: 1 where s grows, else -1."""
+    numbers = ("s", "up", "length", "offset", "to_offset", "begun", "extent")
+    kinds = [("road", f"U{max(len(one.road) for one in pieces)}"), ("lane", int), ("to_lane", int)]
+    return np.array(
+        [(one.road, one.lane, one.to_lane, one.s, 1.0 if one.up else -1.0, one.length, one.offset, one.to_offset,
+          one.begun, one.extent) for one in pieces],
+        dtype=[*kinds, *((name, float) for name in numbers)],
+    )  # fmt: skip
+
+
+def _derivatives(network: RoadNetwork, of: NDArray[np.void], q: Floats) -> Floats:
+    """Give x, y and their first and second derivatives (6, K) at q (K,) [m] of pieces (K,), or of one (1,)."""
+    s = of["s"] + of["up"] * np.clip(q, 0.0, of["length"])
+    one = network.lane_curve(of["road"], of["lane"], s, of["offset"])
+    one[2:4] *= of["up"]
+    rows = np.flatnonzero(np.broadcast_to(of["extent"] > 0.0, q.shape))
+    if not len(rows):
+        return one
+    to = np.broadcast_to(of, q.shape)[rows]
+    two = network.lane_curve(to["road"], to["to_lane"], s[rows], to["to_offset"])
+    two[2:4] *= to["up"]
+    f, df, ddf = smooth_step((q[rows] - to["begun"]) / to["extent"])
+    df, ddf, off = df / to["extent"], ddf / to["extent"] ** 2, two - one[:, rows]
+    one[:, rows] += f * off
+    one[2:4, rows] += df * off[0:2]
+    one[4:6, rows] += 2.0 * df * off[2:4] + ddf * off[0:2]
+    return one
+
+
+@lru_cache(maxsize=20_000)
+def _ends(piece: LanePiece) -> Floats:
+    """Where a piece begins and ends, as `LanePiece.at` (6, 2); kept, as lanes are shared."""
+    return piece.at(np.array([0.0, piece.length]))
+
+
+class LaneCurve(RouteCurve):
+    """Stretches of lanes one after the other, all asked at once."""
+
+    def __init__(self, pieces: Sequence[LanePiece]) -> None:
+        super().__init__(pieces)
+        self._network, self._table = pieces[0].network, _table(pieces)
+
+    def derivatives(self, q: Floats) -> Floats:
+        """Give x, y and their first and second derivatives (6, K) at parameters q (K,), counted over all pieces."""
+        own, inside = self.inside(q)
+        return _derivatives(self._network, self._table[own], inside)
 
 
 class _Builder:
@@ -210,7 +249,7 @@ class _Builder:
 
     def _refuse_gap(self, last: LanePiece, piece: LanePiece) -> None:
         """Lanes that follow each other have to meet."""
-        one, two = last.at(np.array([last.length]))[:, 0], piece.at(np.array([0.0]))[:, 0]
+        one, two = _ends(last)[:, 1], _ends(piece)[:, 0]
         apart = float(np.hypot(*(two[:2] - one[:2])))
         turned = abs(float(np.angle((two[2] + 1j * two[3]) / (one[2] + 1j * one[3]))))
         if apart > APART or turned > TURNED:
@@ -253,4 +292,4 @@ def lane_curve(
     made.go(length)
     if not made.pieces:
         raise ResimError(f"route: road {start.road} ends where the route begins")
-    return RouteCurve(made.pieces), tuple(made.pieces), {n: (first, last) for n, first, last in made.changed}
+    return LaneCurve(made.pieces), tuple(made.pieces), {n: (first, last) for n, first, last in made.changed}
