@@ -13,6 +13,7 @@ from resim.jobs.space_recordings import SimulatedRecording
 from resim.mining.slots import slot_frame
 from resim.recordings.content import tracks_hash
 from resim.space.copies import equal_scenarios
+from resim.space.draws import tracks_of
 from resim.space.members import DrivenTraces
 from resim.space.model import Space, bucket_names
 from resim.space.repeated_drives import same_traffic
@@ -60,10 +61,9 @@ def _find_repeated(space: Space, traces: SlotTraces, place: Sequence[str], drive
 
     place (N,): map of each recording.
     """
-    tracks = {(one.name, name): told for one in space.sources for name, told in one.recordings.items()}
     rows = space.rows
-    recordings = zip(rows["source"].astype(str), rows["recording"].astype(str), strict=True)
-    own = [tracks.get(one) or "/".join(one) for one in recordings]
+    names = (rows["source"].astype(str) + "/" + rows["recording"].astype(str)).tolist()
+    own = [told or name for told, name in zip(tracks_of(space), names, strict=True)]
     maps, every = [*rows["map"].astype(str), *place], [*own, *(drive[str(key)] for key in traces.names)]
     for pair in same_traffic(joined([space.traces, traces]), every, maps, len(own)).tolist():
         one, two = (own[k] if k < len(own) else drive[str(traces.names[k - len(own)])] for k in pair)

@@ -96,6 +96,8 @@ def add_task(
     queue = TaskQueue(catalog)
     check_room(queue, job)
     task = queue.add(folder.name, job, words, str(folder), again)
+    if not PRIORITIES[priority]:
+        return task
     # of one that a server took meanwhile it says nothing any more
     queue.prioritise(task.id, PRIORITIES[priority])
     return queue.get(task.id)

@@ -79,6 +79,13 @@ def scenario_draws(rows: pd.DataFrame) -> np.ndarray:
     return np.asarray(rows["scenario"].astype(str).to_numpy()[first[inverse]])
 
 
+def tracks_of(space: Space) -> list[str]:
+    """Give the hash (`tracks_hash`) of the recording of each scenario (N,), "" where nobody says."""
+    told = {(one.name, name): tracks for one in space.sources for name, tracks in one.recordings.items()}
+    recordings = zip(space.rows["source"].astype(str), space.rows["recording"].astype(str), strict=True)
+    return [told.get(one, "") for one in recordings]
+
+
 def recording_draws(space: Space, scenario: Mapping[str, str], drive: Mapping[str, str]) -> dict[str, str]:
     """Give the draw of each recording that is simulated, by key.
 
@@ -88,9 +95,7 @@ def recording_draws(space: Space, scenario: Mapping[str, str], drive: Mapping[st
     rows = space.rows
     draws = scenario_draws(rows).tolist()
     of_scenario = dict(zip(rows["scenario"].astype(str), draws, strict=True))
-    tracks = {(one.name, name): told for one in space.sources for name, told in one.recordings.items()}
-    cut = zip(rows["source"].astype(str), rows["recording"].astype(str), draws, strict=True)
-    of_drive = {told: draw for source, name, draw in cut if (told := tracks.get((source, name)))}
+    of_drive = {told: draw for told, draw in zip(tracks_of(space), draws, strict=True) if told}
     out = {key: of_scenario[name] for key, name in scenario.items() if name in of_scenario}
     for key, draw in out.items():
         of_drive.setdefault(drive.get(key, key), draw)

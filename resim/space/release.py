@@ -110,29 +110,20 @@ def release_checks(case: ReleaseCase, terms: Mapping[Per, AccidentTerms]) -> tup
 
 def _drives_checks(case: ReleaseCase) -> Iterator[ReleaseCheck]:
     """Whether limits of rates can be believed, even if few drives have most of what comes, or most of the time."""
-    counted = float(len(np.unique(case.exposed.drive)))
-    alike = float(np.min([worth(one) for one in case.lengths.values()]))  # NaN where one is
-    for name, drives, least, times, why in (
-        (
-            "drives in which scenarios come",
-            counted,
-            float(LEAST_DRIVES),
-            1.0,
-            "one drive in ten has most of what comes",
-        ),
-        (
-            "drives of like length that they are worth",
-            alike,
-            LEAST_ALIKE,
-            0.5,
-            "few drives are much longer than others",
-        ),
-    ):
-        more = max((least / drives) ** times - 1.0, 0.0) * case.driven["hour"] if drives else math.nan
-        yield ReleaseCheck(
+
+    def enough(name: str, drives: float, least: float, growth: float, why: str) -> ReleaseCheck:
+        more = max((least / drives) ** growth - 1.0, 0.0) * case.driven["hour"] if drives else math.nan
+        return ReleaseCheck(
             name, drives, math.nan, math.nan, least, drives >= least, False, more,
             f"our choice: with fewer, limits of rates hold too seldom where {why}",
         )  # fmt: skip
+
+    counted = float(len(np.unique(case.exposed.drive)))
+    many = "one drive in ten has most of what comes"
+    yield enough("drives in which scenarios come", counted, float(LEAST_DRIVES), 1.0, many)
+    alike = float(np.min([worth(one) for one in case.lengths.values()]))  # NaN where one is
+    long = "few drives are much longer than others"
+    yield enough("drives of like length that they are worth", alike, LEAST_ALIKE, 0.5, long)
 
 
 def verdict_of(checks: Sequence[ReleaseCheck], believed: bool, unknown: Sequence[str] = ()) -> ReleaseVerdict:
