@@ -274,9 +274,7 @@ class Tracks:
             frame: COLUMNS in SI units, one row a time and object.
         """
         t, sample = np.unique(frame["t"].to_numpy(float), return_inverse=True)
-        ids = frame["id"].astype(str)
-        names = list(dict.fromkeys(ids))
-        row = ids.map({name: n for n, name in enumerate(names)}).to_numpy(int)
+        row, names = pd.factorize(frame["id"].astype(str), use_na_sentinel=False)
         first = frame.groupby(row, sort=True).first()
 
         def spread(column: str) -> Floats:

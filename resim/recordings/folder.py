@@ -102,7 +102,7 @@ def _write(tables: RecordingTables, folder: Path, map_reference: str | None, par
 
 
 def _check_ego(folder: Path, path: Path, gt: pd.DataFrame, ego: str) -> None:
-    known = list(dict.fromkeys(gt["id"]))
+    known = gt["id"].unique().tolist()
     if ego not in known:
         problem = f"ego {ego!r} was not found in {path.name}, which holds {', '.join(known[:20])}"
         raise InputError(folder / SETTINGS, problem, "Name one of its objects.")

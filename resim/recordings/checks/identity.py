@@ -53,9 +53,12 @@ def jumps(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]:
     kept: list[Track] = []
     torn: list[_Jump] = []
     for track in table.tracks:
-        whole, outliers = _without_outliers(table, track)
+        residuals = _residuals(track, table.step)
+        whole, outliers = _without_outliers(table, track, residuals)
         out += outliers
-        torn += [_Jump(len(kept), k, miss) for k, miss in _misses(whole, table.step)]
+        miss, limit = residuals if whole is track else _residuals(whole, table.step)
+        far = np.flatnonzero(np.abs(miss) > limit)
+        torn += [_Jump(len(kept), int(k), complex(miss[k])) for k in far]
         kept.append(whole)
     switches = list(_switches(kept, torn))
     for first, second in switches:
@@ -71,14 +74,9 @@ def jumps(table: CheckedTable) -> tuple[CheckedTable, list[RankedFinding]]:
     return table.replaced(pieces), out
 
 
-def _misses(track: Track, step: float) -> list[tuple[int, complex]]:
-    """Steps that end farther than possible from where speed, or the steps around, lead."""
-    miss, limit = _residuals(track, step)
-    return [(int(k), complex(miss[k])) for k in np.flatnonzero(np.abs(miss) > limit)]
-
-
 def _residuals(track: Track, step: float) -> tuple[Complex, Floats]:
-    """Per step, the miss [m] (the smaller of that against speed and heading and that against the steps around)."""
+    """Per step, the miss [m] (the smaller of that against speed and heading and that against the steps around), and
+    the largest that is possible."""
     if len(track) < 3:
         return np.zeros(max(len(track) - 1, 0), dtype=complex), np.full(max(len(track) - 1, 0), np.inf)
     dt, way = np.diff(track.t), np.diff(track.p)
@@ -98,12 +96,21 @@ def _around(velocity: Complex) -> Complex:
     place = np.arange(len(velocity))[:, None] + reach
     inside = (place >= 0) & (place < len(velocity))
     near = np.where(inside, velocity[np.clip(place, 0, len(velocity) - 1)], np.nan + 1j * np.nan)
-    return np.asarray(np.nanmedian(near.real, axis=1) + 1j * np.nanmedian(near.imag, axis=1))
+    return np.asarray(_medians(near.real) + 1j * _medians(near.imag))
 
 
-def _without_outliers(table: CheckedTable, track: Track) -> tuple[Track, list[RankedFinding]]:
+def _medians(values: Floats) -> Floats:
+    """The median of the known ones of each row (N, K), NaN of none: `nanmedian`, of many rows quicker."""
+    ordered, known = np.sort(values, axis=1), np.isfinite(values).sum(axis=1)
+    row = np.arange(len(values))
+    return np.asarray(0.5 * (ordered[row, np.maximum(known - 1, 0) // 2] + ordered[row, known // 2]))
+
+
+def _without_outliers(
+    table: CheckedTable, track: Track, residuals: tuple[Complex, Floats]
+) -> tuple[Track, list[RankedFinding]]:
     """The track without samples that are off it and come back, and the finding of them."""
-    miss, limit = _residuals(track, table.step)
+    miss, limit = residuals
     big = np.flatnonzero(np.abs(miss) > limit)
     off: list[tuple[int, int, float]] = []
     used = -1
