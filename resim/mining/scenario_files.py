@@ -84,7 +84,7 @@ def _note(gt: Tracks, one: ExtractedScenario) -> str:
         notes.append("the window is longer than the EGO's life: the recording is the part with the EGO")
     own = slice(one.ego_start, one.ego_end + 1)
     if (widest := float(np.diff(gt.t[own][gt.valid[one.ego, own]]).max())) > GAP + TICK:
-        notes.append(f"the EGO has no sample for {widest:.2f} s: it runs with --accept GAP alone")
+        notes.append(f"the EGO has no sample for {widest:.2f} s: it runs only with --accept GAP")
     return "; ".join(notes)
 
 
@@ -100,7 +100,10 @@ def with_fits(frame: pd.DataFrame, out: Path, told: dict[str, str]) -> pd.DataFr
     """Give a table of scenarios with the JSCEN files that there are. told: why there is none, by the file's name."""
     names, notes = (frame[name].fillna("").tolist() for name in ("jscen", "note"))
     files = [file if file and (out / file).is_file() else "" for file in names]
-    why = [told.get(Path(file).name, "") or note for file, note in zip(names, notes, strict=True)]
+    why = [
+        "; ".join(text for text in (told.get(Path(file).name), note) if text)
+        for file, note in zip(names, notes, strict=True)
+    ]
     return frame.assign(jscen=files, note=why).astype(dict.fromkeys(FILES, "string"))
 
 

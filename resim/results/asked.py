@@ -124,7 +124,8 @@ def _is_at(value: AskedValue) -> bool:
 def content_of(path: Path) -> str:
     """Give the SHA-256 of what a command is given, as the lake has it: a recording, results, or a file.
 
-    Of a recording that cannot be read it is that of its settings. Raises InputError or OSError for what cannot be read.
+    Of a recording whose content has no hash it is that of its settings. Raises InputError or OSError for anything else
+    that cannot be read.
     """
     from resim.metrics.criteria import freeze_criteria
     from resim.recordings.content import content_hash

@@ -132,8 +132,9 @@ def _unknown(space: Space, told: SeenScenarios, cover: CoverReport | None) -> It
     build = "" if cover is None else cover.build
     if accidents := sum(one.accidents.get(who, 0) for one in space.sources for who in {build, UNKNOWN_BUILD}):
         yield (
-            f"{accidents} collisions or ends of test drives of this build, or of one without a hash (one for each "
-            "drive of which nobody says whether it collided), are in no scenario: mine them so that these are cut out"
+            f"{accidents} collisions or ends of test drives of this build, or of one without a hash, are in no "
+            "scenario (a drive of which nobody says whether it collided counts as one): mine them so that these are "
+            "cut out"
         )
     yield from _mixed(space, build)
     if cover is not None and cover.accidents:

@@ -279,7 +279,8 @@ def _occasions(frame: pd.DataFrame, maneuvers: pd.DataFrame, trigger: list[str])
     """
     wanted = maneuvers[maneuvers["label"].isin(trigger)].reset_index(drop=True)
     pairs = []
-    members = [f" {names} " for names in frame["members"]]  # a name may have spaces of its own
+    # names may have spaces; one that is part of another joins too many, never too few
+    members = [f" {names} " for names in frame["members"]]
     objects = wanted["object"].astype(str).to_numpy()
     for row, own in _within(frame, wanted):
         pairs += [(row, k) for k in own.index.tolist() if f" {objects[k]} " in members[row]]

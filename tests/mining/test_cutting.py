@@ -86,7 +86,7 @@ def test_a_gap_of_the_ego_is_told_beside_the_scenario(drive: Path, tmp_path: Pat
     )
     out = tmp_path / "out"
     rows = mine([drive], out, MineOptions(fit=False, accept=("OVERLAP", "GAP"))).scenarios
-    assert any("no sample for 1.56 s: it runs with --accept GAP alone" in note for note in rows["note"])
+    assert any("no sample for 1.56 s: it runs only with --accept GAP" in note for note in rows["note"])
     for folder, note in zip(rows["folder"], rows["note"], strict=True):
         codes = {f.code for f in check(out / folder).findings if f.severity == "error"}
         assert ("--accept GAP" in note) is ("GAP" in codes)

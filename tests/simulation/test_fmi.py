@@ -110,9 +110,8 @@ def unit(
         flags = ["-O1", "-ffp-contract=off", "-shared", "-fPIC", "-I", HEADERS]
         subprocess.run(["cc", *flags, source, others, "-o", library], check=True)
     place = {2: "linux64", 3: "x86_64-linux"}[version]
-    with zipfile.ZipFile(
-        folder / "follow.fmu", "w"
-    ) as packed:  # of 1980: the same content gives the same bytes
+    # of 1980: the same content gives the same bytes
+    with zipfile.ZipFile(folder / "follow.fmu", "w") as packed:
         packed.writestr(zipfile.ZipInfo("modelDescription.xml"), description or {2: FMI2, 3: FMI3}[version])
         packed.writestr(zipfile.ZipInfo(f"binaries/{place}/follow.so"), library.read_bytes())
     library.unlink()

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from resim.core.clock import TICK
 from resim.core.finding import Severity, Source
 from resim.core.geometry import Floats
 from resim.recordings.checks.codes import RankedFinding, found
@@ -86,7 +87,7 @@ def _holes(
     short = [(a, b) for a, b in spans if b - a <= SHORT + 0.5 * table.step]
     for a, b in spans:
         if (a, b) not in short:
-            grave = is_ego and b - a > ANOTHER
+            grave = is_ego and b - a > ANOTHER + TICK
             yield found(
                 "GAP", table.source, name, (a, b), b - a, "s", f"{who} from {a:.2f} to {b:.2f} s ({b - a:.2f} s)",
                 limit=SHORT, severity="error" if grave else "warning",
