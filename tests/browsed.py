@@ -56,6 +56,11 @@ def chromium() -> Iterator[Any]:
         browser.close()
 
 
+def drawn(page: Any) -> None:
+    """Wait until a page has drawn what it was told, however busy the machine is."""
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
 @contextmanager
 def opened(
     browser: Any, path: Path, *, width: int = 1240, height: int = 900, dark: bool = False, before: str = ""

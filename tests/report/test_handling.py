@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browsed import opened, too_faint
+from browsed import drawn, opened, too_faint
 from played import CORNER, drive_of
 
 from resim.recordings import read_recording
@@ -35,7 +35,7 @@ def across(page: Any) -> float:
     page.mouse.down()
     page.mouse.move(x + 200, y, steps=4)
     page.mouse.up()
-    page.wait_for_timeout(60)
+    drawn(page)
     found = float(page.get_attribute("#stage", "data-measured"))
     page.keyboard.press("Escape")
     assert page.get_attribute("#measure", "aria-pressed") == "false"
@@ -78,10 +78,12 @@ def test_the_wheel_zooms_about_the_pointer(browser: Any, pages: Path, name: str)
         page.mouse.move(x, y)
         page.mouse.wheel(0, -300)
         page.wait_for_timeout(100)
+        drawn(page)
         assert across(page) == pytest.approx(first * 2.718 ** (-0.0016 * 300), rel=0.02)
         page.mouse.move(x, y)
         page.mouse.wheel(0, 300)
         page.wait_for_timeout(100)
+        drawn(page)
         assert across(page) == pytest.approx(first, rel=0.02)
 
 
