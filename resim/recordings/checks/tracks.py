@@ -15,6 +15,7 @@ from resim.core.geometry import Bools, Floats
 
 Complex = NDArray[np.complex128]
 Ints = NDArray[np.intp]
+Values = NDArray[np.floating[Any]] | NDArray[np.complexfloating[Any, Any]]
 
 PEDESTRIAN = "pedestrian"
 LONE = 1.0
@@ -110,6 +111,19 @@ def _track(name: str, rows: pd.DataFrame) -> Track:
         width=float(rows["width"].median()), t=t, p=x + 1j * y, heading=heading, v=v,
         z=rows["z"].to_numpy(float) if "z" in rows else None,
     )  # fmt: skip
+
+
+def medians(around: Values, inside: Bools) -> Values:
+    """Give the median of those inside of each row (K, W), NaN of none; complex values (x + iy) have it by part."""
+    one = _medians(np.where(inside, around.real, np.nan))
+    return one + 1j * _medians(np.where(inside, around.imag, np.nan)) if np.iscomplexobj(around) else one
+
+
+def _medians(values: Floats) -> Floats:
+    """As `nanmedian` by row, of many short rows much quicker."""
+    ordered, known = np.sort(values, axis=1), (~np.isnan(values)).sum(axis=1)
+    row = np.arange(len(values))
+    return np.asarray(0.5 * (ordered[row, np.maximum(known - 1, 0) // 2] + ordered[row, known // 2]))
 
 
 def runs(mask: Bools) -> list[tuple[int, int]]:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from resim.core.geometry import Bools, Floats
-
-Values = NDArray[np.floating[Any]] | NDArray[np.complexfloating[Any, Any]]
+from resim.core.geometry import Bools
+from resim.recordings.checks.tracks import Values, medians
 
 SIGMA = 1.4826
 """Standard deviations of a normal distribution in its median absolute deviation."""
@@ -36,9 +32,9 @@ def robust_outliers(values: Values, window: int, n_sigma: float = 3.0, *, least:
     values, for data that repeat. Complex values (x + iy) have their median by part. After Hampel, "The influence
     curve and its role in robust estimation", J. Am. Stat. Assoc. 69 (1974): up to half of a window may be wrong.
     """
-    middle = _median(*_windows(values, window))
+    middle = medians(*_windows(values, window))
     apart = np.abs(values - middle)
-    spread = SIGMA * _median(*_windows(apart, window))
+    spread = SIGMA * medians(*_windows(apart, window))
     return np.asarray(apart > np.maximum(n_sigma * spread, least))
 
 
@@ -49,10 +45,3 @@ def _windows(values: Values, window: int) -> tuple[Values, Bools]:
     place = np.arange(len(values))[:, None] + np.arange(-(window // 2), window // 2 + 1)
     inside = (place >= 0) & (place < len(values))
     return np.asarray(values)[np.clip(place, 0, max(len(values) - 1, 0))], np.asarray(inside)
-
-
-def _median(around: Values, inside: Bools) -> Values:
-    parts: list[Floats] = [
-        np.nanmedian(np.where(inside, part, np.nan), axis=1) for part in (around.real, around.imag)
-    ]
-    return parts[0] + 1j * parts[1] if np.iscomplexobj(around) else parts[0]

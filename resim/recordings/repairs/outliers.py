@@ -12,8 +12,8 @@ from resim.core.geometry import Bools
 from resim.recordings import RecordingTables
 from resim.recordings.checks.identity import REACH
 from resim.recordings.checks.samples import frozen_runs
-from resim.recordings.checks.tracks import Track, runs
-from resim.recordings.repairs.filters import Values, moving_average_outliers, robust_outliers
+from resim.recordings.checks.tracks import Track, Values, runs
+from resim.recordings.repairs.filters import moving_average_outliers, robust_outliers
 from resim.recordings.repairs.frames import frame_of, rows_of, table, track, with_frame
 from resim.recordings.repairs.gaps import filled
 from resim.recordings.repairs.settings import Filter, RepairOptions
